@@ -25,7 +25,7 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.statistics import accumulate
 from precision_pin.statistics.accumulate import LARGEST
-from support.sampling_checks import LAW_SPACE, SLOPES, exact_failures, sampling_failures
+from support.sampling_checks import LAW_SPACE, SLOPES, exact_failures
 
 GAP = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (0.9, 2.0), (1.0, 2.5))
 MANY = tuple(np.random.default_rng(2).normal(size=1000).tolist())
@@ -54,7 +54,7 @@ def test_numbers_repeated_in_the_compiled_file_are_those_of_their_owners() -> No
 
 @pytest.mark.parametrize(
     ("seed", "first", "count", "pose", "visit"),
-    [(0, 0, 30_000, 0, 0), (2**64 - 1, 17, 515, 3, 9), (5, 2**33 - 3, 300, 2**20 - 2, 4094), (7, 1, 1, 0, 0)],
+    [(0, 0, 100_000, 0, 0), (2**64 - 1, 17, 515, 3, 9), (5, 2**33 - 3, 300, 2**20 - 2, 4094), (7, 1, 1, 0, 0)],
 )
 def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: int, visit: int) -> None:
     # other draws and groups, and their order, change no bit of a space
@@ -88,12 +88,9 @@ def test_a_uniform_number_has_the_bits_of_the_space_and_a_normal_one_nearly(mean
     assert ulps(drawn[1], expected[1]) <= 5
 
 
-@pytest.mark.slow
-def test_no_check_finds_fault_at_1e6_draws() -> None:
-    # laws with values of a probability of their own are not for Kolmogorov's test: gap and many
+def test_the_bits_are_those_of_the_papers() -> None:
     layout = layout_of(LAW_SPACE)
     assert exact_failures(lambda *units: sampler.sample(layout, *units), LAW_SPACE, seed=9, units=range(7, 27)) == []
-    assert sampling_failures(lambda *units: sampler.sample(layout, *units), LAW_SPACE) == []
 
 
 @pytest.mark.slow

@@ -70,7 +70,7 @@ class Muddled:
         if self.shuffle is not None:
             self.shuffle.shuffle(waiting)
         for future, function, arguments in waiting:
-            self.order.append(arguments[1])
+            self.order.append(arguments[0])
             future.set_result(function(*arguments))
 
 

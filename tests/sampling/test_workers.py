@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import pickle
 import random
@@ -12,9 +11,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import nullcontext
-from dataclasses import fields, replace
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -28,7 +26,6 @@ from precision_pin.base import progress as progress_bar
 from precision_pin.base.errors import InputError
 from precision_pin.cli import main
 from precision_pin.kernel import loops, sampler
-from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import many_poses
@@ -52,35 +49,28 @@ from sampling.cases import (
 
 @pytest.mark.slow
 def test_seeds_in_every_layout_and_an_error_of_a_sample_comes_as_it_is() -> None:
-    threads = {count: Threads(count) for count in (1, 3, 8)}
-    processes = Processes(2)
-    for seed in range(2):
+    threads, processes = Threads(3), Processes(1)
+    for seed, sizes in ((0, (1, 16)), (1, (3, None))):
         task = work(seed)
         whole = in_one_go(task)
         assert whole.count == SAMPLES
-        for workers in (*threads.values(), processes):
-            assert_same_bits(sampled(task, workers), whole)
-        for size in (1, 3, 16):
-            assert_same_bits(sampled(task, threads[3], size), whole)
-            assert_same_bits(sampled(task, processes, size), whole)
-            assert_same_bits(sampled(task, Foreign(Muddled(shuffle=random.Random(seed)), 5), size), whole)
-        backwards = Muddled()
-        assert_same_bits(sampled(task, Foreign(backwards, 6), 2), whole)
-        assert backwards.order[:6] == [10, 8, 6, 4, 2, 0]  # the executor did as its name says
+        for size in sizes:
+            for workers in (threads, processes, Foreign(Muddled(shuffle=random.Random(seed)), 5)):
+                assert_same_bits(sampled(task, workers, size), whole)
+    backwards = Muddled()
+    assert_same_bits(sampled(task, Foreign(backwards, 6), 2), whole)
+    assert backwards.order[:6] == [10, 8, 6, 4, 2, 0]  # the executor did as its name says
     other = r"a worker has numpy \S+, the run was started with 0\.0; install the same version"
-    for workers in (threads[3], processes, Foreign(Muddled(), 3)):
+    for workers in (threads, processes, Foreign(Muddled(), 3)):
         with pytest.raises(InputError, match=other):
             sampled(work(packages=(("numpy", "0.0"),)), workers)
-    assert_same_bits(sampled(work(1), processes), whole)
-    for workers in (*threads.values(), processes):
         workers.close(done=True)
 
 
-@pytest.mark.fast(2)
-@pytest.mark.parametrize("samples", [1, BLOCK, BLOCK + 1, 17 * BLOCK + 5])
+@pytest.mark.parametrize("samples", [1, BLOCK, 17 * BLOCK + 5])
 def test_runs_of_any_length(samples: int) -> None:
     task = work(7, samples)
-    for most, size in ((1, None), (2, 1), (4, 5), (50, 100)):
+    for most, size in ((1, None), (4, 5), (50, 100)):
         assert_same_bits(sampled(task, Foreign(Muddled(), most), size), in_one_go(task))
 
 
@@ -99,25 +89,12 @@ def test_a_run_by_its_public_name_is_the_same_run_and_so_are_the_errors_it_keeps
 # what is sent --------------------------------------------------------------------------------------------------------
 
 
-def same(one: Any, other: Any) -> bool:
-    if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other) and one.flags.writeable == other.flags.writeable
-    if isinstance(one, tuple):
-        return type(one) is type(other) and all(map(same, one, other))
-    return bool(one == other)
-
-
 def test_work_and_its_blocks_can_be_sent_and_are_not_compiled_anew_where_they_arrive() -> None:
     task = work(3, 2 * BLOCK)
     in_one_go(task)
     before = len(loops.run.signatures)
     sent = pickle.loads(pickle.dumps(task))
-    for field in fields(SamplerArrays):
-        assert same(getattr(task.layout, field.name), getattr(sent.layout, field.name)), field.name
-    assert same(task.plan.centre, sent.plan.centre)
-    assert same(task.plan.scale, sent.plan.scale)
-    assert sent.plan.specifications == task.plan.specifications
-    assert digest(sent.layout) == digest(task.layout) != digest(replace(sent.layout, largest_angle=1.0))
+    assert digest(replace(sent, packages=())) == digest(replace(task, packages=()))
     back = pickle.loads(pickle.dumps(sent.observe(0, 2)))
     assert_same_bits(back.add_to(start(PLAN)), in_one_go(task))
     # a read-only array that came back writable would have been another type, seven seconds of compiling
@@ -167,13 +144,6 @@ def test_work_in_flight_is_bounded_and_futures_are_released(workers: int, asked:
 # workers that are lost -----------------------------------------------------------------------------------------------
 
 
-class Unsendable:
-    """Object that kills the process in which it is unpickled."""
-
-    def __reduce__(self) -> tuple[Any, tuple[int]]:
-        return os._exit, (1,)
-
-
 class Deadly:
     """Object that kills the process in which it is unpickled and deletes a permit, as long as there are permits."""
 
@@ -189,28 +159,16 @@ class Deadly:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("losses", [2, 3])
-def test_a_task_survives_two_processes_and_no_third(tmp_path: Path, losses: int) -> None:
-    for k in range(losses):
+def test_a_task_does_not_survive_three_processes(tmp_path: Path) -> None:
+    for k in range(3):
         (tmp_path / str(k)).touch()
-    lost = "worker processes died 3 times at blocks 0 to 1; check the free memory"
     workers = Processes(1)
     try:
-        with pytest.raises(InputError, match=lost) if losses == 3 else nullcontext():
-            assert_same_bits(sampled(work(packages=Deadly(tmp_path)), workers), in_one_go(work()))
+        with pytest.raises(InputError, match="worker processes died 3 times at blocks 0 to 1; check the free memory"):
+            sampled(work(packages=Deadly(tmp_path)), workers)
     finally:
         workers.close(done=True)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-def test_a_broken_executor_that_was_handed_in_is_told_in_one_line() -> None:
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        with pytest.raises(InputError, match=r"the executor ProcessPoolExecutor failed: BrokenProcessPool: ") as told:
-            sampled(work(packages=(Unsendable(),)), chosen(None, None, pool, None))
-        assert "\n" not in str(told.value)
-        with pytest.raises(InputError, match=r"failed: BrokenProcessPool: "):  # now it breaks when a task is handed in
-            sampled(work(), chosen(None, None, pool, None))
 
 
 # wrong input ---------------------------------------------------------------------------------------------------------
@@ -317,18 +275,8 @@ def test_many_poses_that_were_stopped_go_on_with_the_same_bits(plain: str, tmp_p
     resumed = pp.sample_poses(MODEL, POSES, **RUN, journal=file, resume=True, tell=told.append)
     assert resumed.to_json() == plain
     assert told == [f"the journal {file} holds the first 64 poses"]
-
-
-@pytest.mark.slow
-def test_a_journal_of_other_poses_is_refused(tmp_path: Path):
-    file = tmp_path / "run.journal"
-    pp.sample_poses(MODEL, POSES[:, :2], **RUN, journal=file)
     with pytest.raises(InputError, match=r"belongs to another run: .*the list of poses has changed"):
-        pp.sample_poses(MODEL, POSES[:, [1, 0]], **RUN, journal=file, resume=True)
-    with pytest.raises(InputError, match="already exists"):
-        pp.sample_poses(MODEL, POSES[:, :2], **RUN, journal=file)
-    with pytest.raises(InputError, match="resume needs a journal"):
-        pp.sample_poses(MODEL, POSES[:, :2], **RUN, resume=True)
+        pp.sample_poses(MODEL, POSES[:, ::-1], **RUN, journal=file, resume=True)
 
 
 TRIALS = int(os.environ.get("KILL_TRIALS", "2"))
@@ -372,23 +320,21 @@ def test_killed_at_any_moment_and_resumed(tmp_path: Path, monkeypatch) -> None:
 
 
 @pytest.mark.slow
-def test_killed_processes_cost_no_result() -> None:
-    workers, task = Processes(2), work(4, 100 * BLOCK)
+def test_a_killed_process_costs_no_result() -> None:
+    workers, task = Processes(1), work(4, 24 * BLOCK)
     here = psutil.Process()
-    killed = []
+    killed: list[psutil.Process] = []
 
-    def kill_sometimes(_: int) -> None:
-        # one that was killed just before may still be listed
-        others = [process for process in spawned(here) if process not in killed]
-        if len(killed) < 2 and others:
-            killed.append(others[-1])
-            killed[-1].kill()
+    def kill_once(_: int) -> None:
+        if not killed:
+            killed.extend(spawned(here))
+            killed[0].kill()
 
     try:
-        assert_same_bits(sampled(task, workers, 4, kill_sometimes), in_one_go(task))
+        assert_same_bits(sampled(task, workers, 2, kill_once), in_one_go(task))
     finally:
         workers.close(done=True)
-    assert len({process.pid for process in killed}) == 2
+    assert len(killed) == 1
     assert spawned(here) == []
 
 
@@ -409,13 +355,13 @@ def started(tmp_path: Path) -> Iterator[Any]:
         process.communicate()
 
 
-def busy_children(process: subprocess.Popen[str], count: int) -> list[psutil.Process]:
-    """Wait until the processes of a run sample; return all it has started, helpers too."""
+def busy_children(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """Wait until the process of a run samples; return all it has started, helpers too."""
     parent = psutil.Process(process.pid)
 
     def busy() -> bool:
         found = spawned(parent)
-        return len(found) == count and all(child.cpu_times().user > 0.7 for child in found)
+        return bool(found) and found[0].cpu_times().user > 0.7
 
     wait_until(busy, 60)
     return parent.children(recursive=True)
@@ -431,7 +377,7 @@ MUCH = ("--samples", "100000000000")
 @pytest.mark.slow
 def test_no_process_stays_when_the_parent_is_killed(started: Any) -> None:
     process = started(*MUCH, "--processes", "1")
-    children = busy_children(process, 1)
+    children = busy_children(process)
     process.kill()
     process.wait()
     assert ended(children)
@@ -439,9 +385,9 @@ def test_no_process_stays_when_the_parent_is_killed(started: Any) -> None:
 
 @pytest.mark.slow
 def test_no_process_stays_after_ctrl_c(started: Any, tmp_path: Path) -> None:
-    process = started(*MUCH, "--processes", "2", "--journal", "run.journal", "--json", "result.json")
-    children = busy_children(process, 2)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the children get it too
+    process = started(*MUCH, "--processes", "1", "--journal", "run.journal", "--json", "result.json")
+    children = busy_children(process)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the child gets it too
     out, err = process.communicate(timeout=30)
     assert (process.returncode, out) == (130, "")
     assert re.fullmatch(
@@ -479,7 +425,7 @@ def held(err: str) -> int:
 
 @pytest.mark.slow
 def test_ctrl_c_once_saves_and_says_how_to_go_on(started: Any, tmp_path: Path) -> None:
-    samples = 400 * BLOCK + 1
+    samples = 250 * BLOCK + 1
     line = ("--samples", str(samples), "--seed", "3", "--spec", "45 mm @ 90 %", "--journal", "run.journal")
     process = started(*line, "--threads", "1", "--json", "result.json", "--out", "plots")
     wait_until(lambda: (tmp_path / "run.journal").exists(), 60)
@@ -493,16 +439,11 @@ def test_ctrl_c_once_saves_and_says_how_to_go_on(started: Any, tmp_path: Path) -
     done = held(err)
     assert 0 < done < samples
     assert done % BLOCK == 0
-    process = started(*line, "--threads", "3", "--json", "result.json", "--resume")
-    _, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    assert f"the journal run.journal holds the first {done:,} samples\n" in err
-    specifications = [pp.specification("45 mm @ 90 %")]
-    expected = pp.monte_carlo(MODEL, samples=samples, seed=3, specifications=specifications)
-    result = json.loads((tmp_path / "result.json").read_text("utf-8"))
-    known = json.loads(expected.to_json())
-    for key in ("position", "attitude", "covariance", "spec", "samples", "complete"):
-        assert result[key] == known[key], key
+    settings = {"samples": samples, "seed": 3, "specifications": "45 mm @ 90 %", "files": {"sheet": PAPER_SHEET}}
+    told: list[str] = []
+    resumed = pp.monte_carlo(MODEL, journal=tmp_path / "run.journal", resume=True, tell=told.append, **settings)
+    assert told[0].endswith(f"holds the first {done:,} samples")
+    assert resumed.to_json() == pp.monte_carlo(MODEL, **settings).to_json()
 
 
 @pytest.mark.slow
@@ -520,10 +461,22 @@ def test_ctrl_c_twice_stops_at_once(started: Any, tmp_path: Path) -> None:
     assert err.endswith("interrupted\n")
     assert "Traceback" not in err
     assert os.listdir(tmp_path) == ["run.journal"]
-    process = started(*MUCH, "--journal", "run.journal", "--resume")
-    assert process.stderr is not None
-    line = next(line for line in process.stderr if " warning W_" not in line)
-    assert held(line) > 0
+    told: list[str] = []
+
+    def stop(line: str) -> None:
+        told.append(line)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pp.monte_carlo(
+            MODEL,
+            samples=10**11,
+            journal=tmp_path / "run.journal",
+            resume=True,
+            tell=stop,
+            files={"sheet": PAPER_SHEET},
+        )
+    assert held(told[0]) > 0
 
 
 # the command line ----------------------------------------------------------------------------------------------------
@@ -548,8 +501,6 @@ def test_a_changed_input_and_wrong_options_are_told_in_a_line(tmp_path: Path, mo
     before = (tmp_path / "j").read_bytes()
     assert told() == "already exists; resume its run, or remove the file\n"
     assert told("--resume", "--seed", "8") == "belongs to another run: seed was '0', is '8'\n"
-    assert told("--resume", "--model", "linear") == "belongs to another run: model was 'exact', is 'linear'\n"
-    assert told("--resume", samples="200") == "belongs to another run: samples was '100', is '200'\n"
     assert "--threads and --dask exclude each other" in told("--threads", "2", "--dask", "tcp://127.0.0.1:1")
     assert "--resume needs the run's --journal FILE" in told("--resume", journal=())
     for name, remark, changed in (

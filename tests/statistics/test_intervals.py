@@ -70,15 +70,13 @@ def test_wilks_sample_sizes_decide_what_a_summary_gives() -> None:
     def position(samples: int):
         return finish(plan, observe(plan, start(plan), values[:, :samples])).position
 
-    assert position(58).norm.quantile_upper_bound(0.95) is None
+    assert position(58).norm.quantile_upper_bound(0.95) is position(58).norm.tolerance_bounds(0.95) is None
     assert position(59).norm.quantile_upper_bound(0.95) == position(59).norm.max
-    assert position(92).x.tolerance_interval(0.95) is None
-    assert position(93).x.tolerance_interval(0.95) == (position(93).x.min, position(93).x.max)
-    assert (position(58).norm.tolerance_bounds(0.95), position(92).x.tolerance_bounds(0.95)) == (None, None)
     assert position(59).norm.tolerance_bounds(0.95) == (0.0, position(59).norm.max)
-    assert position(93).x.tolerance_bounds(0.95) == (position(93).x.min, position(93).x.max)
-    assert position(71).norm.quantile(0.95) is None
-    assert position(71).norm.quantile_interval(0.95) is None
+    assert position(92).x.tolerance_interval(0.95) is position(92).x.tolerance_bounds(0.95) is None
+    ends = position(93).x.min, position(93).x.max
+    assert position(93).x.tolerance_interval(0.95) == position(93).x.tolerance_bounds(0.95) == ends
+    assert position(71).norm.quantile(0.95) is position(71).norm.quantile_interval(0.95) is None
     assert position(72).norm.quantile(0.95) is not None
     assert position(72).norm.quantile_interval(0.95)[1] == position(72).norm.max
 
@@ -229,11 +227,11 @@ def test_the_covariance_of_components_known_to_be_still_is_known_to_be_zero() ->
 
 def mode_of_the_norm(spreads: tuple[float, float, float]) -> float:
     """Mode of |d|, by quadrature of the density over the directions of the sphere (Gauss-Legendre, trapezium)."""
-    cosine, weight = np.polynomial.legendre.leggauss(400)
-    angle = np.arange(400) * 2 * math.pi / 400
+    cosine, weight = np.polynomial.legendre.leggauss(100)
+    angle = np.arange(100) * 2 * math.pi / 100
     sine = np.sqrt(1 - cosine**2)
     directions = np.stack([
-        np.broadcast_to(cosine, (400, 400)), np.outer(np.cos(angle), sine), np.outer(np.sin(angle), sine),
+        np.broadcast_to(cosine, (100, 100)), np.outer(np.cos(angle), sine), np.outer(np.sin(angle), sine),
     ])  # fmt: skip
     exponent = sum((direction / spread) ** 2 for direction, spread in zip(directions, spreads, strict=True)) / 2
     radii = np.linspace(1e-3, 2, 1000) * max(spreads)
@@ -273,27 +271,22 @@ def test_of_laws_with_one_peak_the_interval_holds_it(law, truth) -> None:
         assert low <= truth <= high
 
 
-@pytest.mark.fast(3)
 @pytest.mark.parametrize("samples", [500, pytest.param(20_000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    "law",
-    [stats.uniform(), stats.expon(), stats.chi2(1), stats.arcsine(), stats.powerlaw(2), None],
-    ids=["uniform", "exponential", "square", "arcsine", "rising", "two peaks"],
-)
-def test_laws_without_a_single_peak_have_no_mode(law, samples) -> None:
+def test_laws_without_a_single_peak_have_no_mode(samples) -> None:
     """Of two peaks alike one is taken for the higher one as often as their counts differ significantly by chance."""
-    wrong = 0
-    for seed in range(20):
-        random = np.random.default_rng(seed)
-        if law is None:
-            values = np.where(random.random(samples) < 0.5, -3, 3) + random.standard_normal(samples)
-        else:
-            values = law.rvs(samples, random_state=random)
-        found = component_of(values)
-        assert (found.mode is None) == (found.mode_interval() is None) == (found.mode_bandwidth is None)
-        wrong += found.mode is not None
-    # 5 % of 20, exceeded by chance once in 400
-    assert wrong <= (4 if law is None else 0)
+    for law in (stats.uniform(), stats.expon(), stats.chi2(1), stats.arcsine(), stats.powerlaw(2), None):
+        wrong = 0
+        for seed in range(20 if law is None or samples == 500 else 5):
+            random = np.random.default_rng(seed)
+            if law is None:
+                values = np.where(random.random(samples) < 0.5, -3, 3) + random.standard_normal(samples)
+            else:
+                values = law.rvs(samples, random_state=random)
+            found = component_of(values)
+            assert (found.mode is None) == (found.mode_interval() is None) == (found.mode_bandwidth is None)
+            wrong += found.mode is not None
+        # 5 % of 20, exceeded by chance once in 400
+        assert wrong <= (4 if law is None else 0), law
 
 
 def test_a_spike_beside_a_hill_leaves_the_mode_open() -> None:
@@ -308,8 +301,8 @@ def test_a_spike_beside_a_hill_leaves_the_mode_open() -> None:
 @pytest.mark.parametrize(
     ("name", "samples", "runs"),
     [
-        ("normal", 1000, 300),
-        ("lognormal 20 %", 1000, 300),
+        ("normal", 1000, 200),
+        ("lognormal 20 %", 1000, 200),
         ("two values, 50:50", 1000, 200),
         ("two peaks alike", 20_000, 60),
     ],

@@ -25,11 +25,9 @@ from precision_pin.statistics.precision import Target, reached, target
         ("95 % to 0.01 mm", ("position.norm", 0.95, 1e-5, False)),
         ("std to 1 %", ("position.norm", "std", 0.01, True)),
         ("x95% to 0.01mm", ("position.x", 0.95, 1e-5, False)),
-        ("attitude 99.73 % to 0.02 mrad", ("attitude.norm", 0.9973, 2e-5, False)),
         ("99 % to 1 deg", ("attitude.norm", 0.99, math.pi / 180, False)),
         ("rz mean to 20 ppm", ("attitude.z", "mean", 2e-5, True)),
         ("attitude.y 0.5 to 1e-3 mrad", ("attitude.y", 0.5, 1e-6, False)),
-        ("0.135 % to 1 mm", ("position.norm", 0.00135, 1e-3, False)),
         ("  position   1e-1\tto  2 mm \n", ("position.norm", 0.1, 2e-3, False)),
     ],
 )
@@ -146,31 +144,24 @@ def test_stopping_at_doubled_looks_costs_little_coverage(statistic, least):
     """Checks at 512, 1024, … samples of a skewed law: intervals of stopped runs cover less often than the stated 95 %.
 
     Mean and quantile lose no more than 2 percentage points, a standard deviation, whose interval is wide enough for worse
-    tails, no more than 1; where just so much is lost, 300 runs fail with probability 1e-4.
+    tails, no more than 1; where just so much is lost, 200 runs fail with probability 1e-4.
     """
-    law = stats.gamma(4.0)
+    law, generator, runs = stats.gamma(4.0), np.random.default_rng(6), 200
     truth = {"mean": law.mean(), "std": law.std()}.get(statistic, law.ppf(0.95))
-    generator = np.random.default_rng(6)
     # the middle of the half-widths at the third look: about half of the runs stop there, those with small spreads
-    widths = [of_values(law.rvs(2048, random_state=generator)).half_width(statistic) for _ in range(100)]
+    widths = [of_values(law.rvs(2048, random_state=generator)).half_width(statistic) for _ in range(60)]
     tolerance = float(np.median([width for width in widths if width is not None]))
-    hits = 0
-    stops = set()
-    for _ in range(300):
+    hits, stops = 0, set()
+    for _ in range(runs):
         values = law.rvs(8192, random_state=generator)
-        for looked in (512, 1024, 2048, 4096, 8192):
-            seen = of_values(values[:looked])
-            if reached(Target("position.x", statistic, tolerance, False), seen).reached:
-                break
-        else:
-            raise AssertionError("never reached")
-        stops.add(looked)
-        low, high = {"mean": seen.mean_interval, "std": seen.std_interval}.get(
-            statistic, lambda found=seen: found.quantile_interval(0.95)
-        )()
+        looks = (of_values(values[: 512 * 2**k]) for k in range(5))
+        wanted = Target("position.x", statistic, tolerance, False)
+        seen = next(look for look in looks if reached(wanted, look).reached)
+        stops.add(seen.samples)
+        low, high = seen.interval(statistic)
         hits += low <= truth <= high
     assert len(stops) > 1
-    assert hits >= stats.binom.ppf(1e-4, 300, least)
+    assert hits >= stats.binom.ppf(1e-4, runs, least)
 
 
 def test_a_limit_may_be_written_in_many_ways() -> None:
@@ -209,38 +200,25 @@ def test_slips_get_one_line() -> None:
         assert "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [" " * 50_000 + "x", "x" + " " * 50_000 + "@", "a." * 50_000 + "1", "|" * 50_000, "1 mm" + " " * 50_000 + "é"],
-)
-def test_long_texts_take_no_time(text: str) -> None:
-    begun = time.perf_counter()
-    for read in (specification, target):
-        with pytest.raises(InputError):
-            read(text)
-    assert time.perf_counter() - begun < 1
+def test_long_texts_take_no_time() -> None:
+    begun, long = time.process_time(), 50_000
+    for text in (" " * long + "x", "x" + " " * long + "@", "a." * long + "1", "|" * long, "1 mm" + " " * long + "é"):
+        for read in (specification, target):
+            with pytest.raises(InputError):
+                read(text)
+    assert time.process_time() - begun < 2
 
 
 MODEL = pp.ErrorModel.load(PAPER_SHEET)
-NAMES = {
-    "position.norm": ("position", "|d|"),
-    "position.x": ("x", "dx"),
-    "position.y": ("y", "dy"),
-    "position.z": ("z", "dz"),
-    "attitude.norm": ("attitude", "|δ|"),
-    "attitude.x": ("rx", "δx"),
-    "attitude.y": ("ry", "δy"),
-    "attitude.z": ("rz", "δz"),
-}
-"""Name of each quantity in results, and the other words that users may write."""
 
 
 def test_every_word_is_known_everywhere() -> None:
-    summary = pp.monte_carlo(MODEL, samples=200).summary
-    assert list(NAMES) == list(QUANTITIES)
-    for name, words in NAMES.items():
+    summary = pp.monte_carlo(pp.ErrorModel.load(PAPER_SHEET), samples=200).summary
+    words = [("position", "|d|"), ("x", "dx"), ("y", "dy"), ("z", "dz")]
+    words += [("attitude", "|δ|"), ("rx", "δx"), ("ry", "δy"), ("rz", "δz")]
+    for name, others in zip(QUANTITIES, words, strict=True):
         unit = "mm" if name.startswith("position") else "mrad"
-        for word in (name, *words, symbol(name)):
+        for word in (name, *others, symbol(name)):
             assert quantity_name(word) == name
             assert pp.specification(f"{word} 1 {unit}").quantity == name
             assert target(f"{word} mean to 1 %").quantity == target(f"{word} 95 % to 1 {unit}").quantity == name
@@ -252,18 +230,3 @@ def test_every_word_is_known_everywhere() -> None:
         for ask in (quantity_name, summary.distribution, lambda word: check_quantities([word])):
             with pytest.raises(pp.InputError, match="quantity"):
                 ask(word)
-
-
-@pytest.mark.slow
-def test_where_unbounded_laws_are_cut_is_called_k() -> None:
-    new, old = (pp.budget(MODEL, samples=1024, **{name: 4.0}) for name in ("k", "bound_at"))
-    assert new.to_dict()["poses"] == old.to_dict()["poses"]
-    for result in (new, old):
-        assert (result.k, result.bound_at, result.to_dict()["k"], result.to_dict()["bound_at"]) == (4.0,) * 4
-    usual = pp.budget(MODEL, samples=1024)
-    unbounded = [draw.name for draw in usual.poses[0].draws if draw.unbounded]
-    for name in unbounded:
-        reach = np.array([[r.poses[0].draw(name).reach[c] for c in QUANTITIES[1:4]] for r in (new, usual)])
-        np.testing.assert_allclose(reach[0], reach[1] * 4 / 3, rtol=1e-12)
-    with pytest.raises(pp.InputError, match="k, in standard deviations"):
-        pp.budget(MODEL, samples=1024, k=0.0)

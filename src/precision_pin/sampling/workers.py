@@ -8,7 +8,7 @@ import os
 import signal
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
@@ -205,7 +205,7 @@ class Foreign(Workers):
     def submit(self, work: Observing, first_block: int, blocks: int) -> Any:
         """Submit a task and return its future."""
         try:
-            future = self._executor.submit(_observe, work, first_block, blocks)
+            future = self._executor.submit(work.observe, first_block, blocks)
         except Exception as error:
             raise self._make_error(error) from error
         self._under_way.add(future)
@@ -235,11 +235,6 @@ class Foreign(Workers):
         for future in self._under_way:
             if hasattr(future, "cancel"):
                 future.cancel()
-
-
-def _observe(work: Observing, first_block: int, blocks: int) -> Any:
-    """Return the statistics of some blocks; a plain function, which every executor can pickle."""
-    return work.observe(first_block, blocks)
 
 
 def chosen(
@@ -319,7 +314,7 @@ def _connect_client(connect: Callable[..., Any], address: str) -> Any:
         return connect(address, timeout=PATIENCE, set_as_default=False)
 
 
-def in_order(tasks: Iterable[Callable[[], Found]], threads: int) -> Iterator[Found]:
+def in_order(tasks: Iterable[Callable[[], Found]], threads: int) -> Generator[Found, None, None]:
     """Yield the results of tasks in order; threads run a few ahead."""
     with ExitStack() as stack:
         pool = ThreadPoolExecutor(threads)

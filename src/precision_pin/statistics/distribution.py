@@ -27,7 +27,6 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.base.record import Keys, Record
 from precision_pin.statistics.intervals import (
-    MOST_DIGITS,
     Moments,
     quantile_ranks,
     significant_digits,
@@ -246,7 +245,7 @@ class Distribution(Record):
 
     def interval(self, statistic: str | float) -> tuple[float, float] | None:
         """Return the interval of a statistic of `half_width`, None if unresolved; raise UnknownNameError for others."""
-        value, interval = self._value_and_interval(statistic)
+        value, interval = self.value_and_interval(statistic)
         return None if value is None else interval
 
     def half_width(self, statistic: str | float) -> float | None:
@@ -259,16 +258,13 @@ class Distribution(Record):
         Raises:
             UnknownNameError: There is no such statistic.
         """
-        value, interval = self._value_and_interval(statistic)
+        value, interval = self.value_and_interval(statistic)
         return None if value is None or interval is None else max(value - interval[0], interval[1] - value)
 
     def resolution(self, statistic: str | float) -> int | None:
         """Return the supported significant digits of a statistic of `half_width`, at most six; None if unresolved."""
-        value, _ = self._value_and_interval(statistic)
-        half_width = self.half_width(statistic)
-        if value is None or half_width is None:
-            return None
-        return significant_digits(value, half_width, most=MOST_DIGITS)
+        value, half_width = self.value_and_interval(statistic)[0], self.half_width(statistic)
+        return None if value is None or half_width is None else significant_digits(value, half_width)
 
     @property
     def _entries(self) -> dict[str, Any]:
@@ -283,39 +279,29 @@ class Distribution(Record):
             "tolerance_bounds": {content: self.tolerance_bounds(content) for content in CONTENTS},
         }
 
-    # private -----------------------------------------------------------------------------------------
-
-    def _value_and_interval(self, statistic: str | float) -> tuple[float | None, tuple[float, float] | None]:
+    def value_and_interval(self, statistic: str | float) -> tuple[float | None, tuple[float, float] | None]:
+        """Return a statistic of `half_width`, None if unresolved, and its interval; raise UnknownNameError for others."""
         if not isinstance(statistic, str):
             return self.quantile(statistic), self.quantile_interval(statistic)
-        match statistic:
-            case "mean":
-                return self.mean, self.mean_interval()
-            case "std":
-                return self.std, self.std_interval()
-            case "mode":
-                return self.mode, self.mode_interval()
-            case "min":
-                return self.min, (self.min, self.min)
-            case "max":
-                return self.max, (self.max, self.max)
-            case _:
-                raise UnknownNameError("statistic", statistic, ("mean", "std", "mode", "min", "max"))
+        if statistic in ("mean", "std", "mode"):
+            return getattr(self, statistic), getattr(self, f"{statistic}_interval")()
+        if statistic in ("min", "max"):
+            value = getattr(self, statistic)
+            return value, (value, value)
+        raise UnknownNameError("statistic", statistic, ("mean", "std", "mode", "min", "max"))
+
+    # private -----------------------------------------------------------------------------------------
 
     @cached_property
     def _before(self) -> NDArray[np.int64]:
         return np.concatenate((np.zeros(1, dtype=np.int64), self.bin_cumulative[:-1]))
-
-    @property
-    def _counts(self) -> NDArray[np.int64]:
-        return self.bin_cumulative - self._before
 
     @cached_property
     def moments(self) -> Moments:
         """Mean and variance, for their intervals."""
         return Moments(
             deviations=(self.bin_lower + self.bin_upper) / 2 - self.mean,
-            counts=self._counts,
+            counts=self.bin_cumulative - self._before,
             variance=0.0 if self.std is None else self.std**2 * (self.samples - 1) / self.samples,
             samples=self.samples,
             confidence=self.confidence,
@@ -405,11 +391,9 @@ class Distribution(Record):
 
     def _find_smoothed_peak(self, bulk: tuple[float, float], bandwidth: float) -> float:
         """Return the value at which the smoothed histogram is highest within the bulk."""
-        lower = bulk[0] - _REACH * bandwidth
-        upper = bulk[1] + _REACH * bandwidth
+        lower, upper = bulk[0] - _REACH * bandwidth, bulk[1] + _REACH * bandwidth
         mirrored = self.is_norm and lower <= 0
-        if mirrored:
-            lower = 0.0
+        lower = 0.0 if mirrored else lower
         cells = min(math.ceil((upper - lower) / bandwidth * _STEPS_PER_BANDWIDTH), _MOST_CELLS)
         edges = np.linspace(lower, upper, cells + 1)
         step = (upper - lower) / cells
@@ -426,7 +410,13 @@ class Distribution(Record):
         )
         within = (middles >= max(bulk[0] - step, 0.0 if mirrored else -math.inf)) & (middles <= bulk[1] + step)
         top = int(np.flatnonzero(within)[np.argmax(density[within])])
-        return _summit(middles, density, min(max(top, 1), density.size - 2), mirrored)
+        # the vertex of the parabola through the highest cell and its neighbours
+        top = min(max(top, 1), density.size - 2)
+        left, centre, right = density[top - 1 : top + 2]
+        bend = left - 2 * centre + right
+        shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
+        summit = float(middles[top] + shift * (middles[1] - middles[0]))
+        return max(summit, 0.0) if mirrored else summit
 
 
 def _level(p: float) -> float:
@@ -442,12 +432,3 @@ class Peak:
     bandwidth: float
     lower: float
     upper: float
-
-
-def _summit(middles: Array, density: Array, top: int, mirrored: bool) -> float:
-    """Return the vertex of the parabola through the highest cell and its neighbours."""
-    left, centre, right = density[top - 1 : top + 2]
-    bend = left - 2 * centre + right
-    shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    summit = float(middles[top] + shift * (middles[1] - middles[0]))
-    return max(summit, 0.0) if mirrored else summit

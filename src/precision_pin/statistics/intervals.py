@@ -31,7 +31,7 @@ def quantile_ranks(samples: int, p: float, confidence: float) -> tuple[int, int]
     (David and Nagaraja, Order Statistics, section 7.1).
     """
     tail = (1 - confidence) / 2
-    lower = bisect_left(range(samples + 1), True, key=lambda k: _at_most(k, samples, p) > tail)
+    lower = bisect_left(range(samples + 1), True, key=lambda k: float(bdtr(k, samples, p)) > tail)
     upper = _smallest_rank_above(samples, p, tail)
     return (lower, upper) if lower >= 1 and upper <= samples else None
 
@@ -89,11 +89,6 @@ def upper_ends(inside: ArrayLike, samples: float, tail: float) -> Array:
     few = np.asarray(inside)
     beyond = np.where(few >= samples, 1, samples - few)
     return np.where(few >= samples, 1.0, betaincinv(few + 1, beyond, 1 - tail))
-
-
-def _at_most(k: int, samples: int, p: float) -> float:
-    """Return P(B ≤ k)."""
-    return float(bdtr(k, samples, p)) if k >= 0 else 0.0
 
 
 def _smallest_rank_above(samples: int, p: float, tail: float) -> int:

@@ -69,10 +69,7 @@ class Precision:
             return None
         # beyond any feasible number of samples, and the square could overflow
         ratio = self.half_width / self.tolerance
-        return None if ratio > _LARGEST_RATIO else round(samples * ratio**2)
-
-
-_LARGEST_RATIO: Final = 1e9
+        return None if ratio > 1e9 else round(samples * ratio**2)
 
 
 def target(text: str) -> Target:
@@ -127,12 +124,6 @@ def reached(wanted: Target, found: Summary | Distribution) -> Precision:
     half_width = distribution.half_width(wanted.statistic)
     tolerance = wanted.tolerance
     if wanted.relative:
-        value = _value(distribution, wanted.statistic)
+        value = distribution.value_and_interval(wanted.statistic)[0]
         tolerance = tolerance * abs(value) if value is not None else 0.0
     return Precision(half_width, tolerance, half_width is not None and half_width <= tolerance)
-
-
-def _value(distribution: Distribution, statistic: str | float) -> float | None:
-    if isinstance(statistic, str):
-        return distribution.mean if statistic == "mean" else distribution.std
-    return distribution.quantile(statistic)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
@@ -18,7 +17,7 @@ from precision_pin.base.errors import InternalError, visible
 from precision_pin.base.record import Keys, Record
 from precision_pin.statistics.accumulate import State, sketch_edges
 from precision_pin.statistics.distribution import Distribution
-from precision_pin.statistics.intervals import Moments, check_confidence, clopper_pearson
+from precision_pin.statistics.intervals import check_confidence, clopper_pearson
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, quantity_name
 
 NO_SPREAD: Final = 1e-12
@@ -92,7 +91,17 @@ class Summary(Record):
         """
         if self.covariance is None:
             return None
-        return _covariance_interval(self.covariance, [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS])
+        parts = [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS]
+        found = np.full((6, 6, 2), np.nan)
+        resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
+        for i, j in itertools.product(resolved, resolved):
+            one, other, covariance = parts[i], parts[j], self.covariance[i, j]
+            fourth = math.sqrt(one.fourth_moment * other.fourth_moment)
+            spread = math.sqrt(max(fourth - covariance**2, 0.0) / one.samples)
+            half = max(one.standard_errors, other.standard_errors) * spread
+            half += one.mean_half_width * other.mean_half_width
+            found[i, j] = one.variance_interval if i == j else (covariance - half, covariance + half)
+        return found
 
     def distribution(self, quantity: str) -> Distribution:
         """Return the distribution of a quantity by any of its names, or raise UnknownNameError."""
@@ -139,10 +148,23 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
     means = np.clip(plan.centre + state.sums / state.count, state.lowest, state.highest)
     covariance = _covariance(state)
     deviations = None if covariance is None else _deviations(state, covariance)
-    edges = sketch_edges()
-    distributions = [
-        _distribution(plan, state, confidence, edges, row, means, deviations) for row in range(len(QUANTITIES))
-    ]
+    edges, columns = sketch_edges(), [np.flatnonzero(counts) for counts in state.sketch]
+    distributions = []
+    for row, (quantity, occupied) in enumerate(zip(QUANTITIES, columns, strict=True)):
+        cumulative = np.cumsum(state.sketch[row, occupied])
+        if state.sketch[row].sum() != state.count:
+            raise InternalError(f"the sketch of {quantity} holds {state.sketch[row].sum()} of {state.count} samples")
+        lowest, highest = float(state.lowest[row]), float(state.highest[row])
+        lower, upper = (
+            np.clip(plan.centre[row] + plan.scale[row] * edges[ends], lowest, highest)
+            for ends in (occupied, occupied + 1)
+        )
+        std = None if deviations is None else float(deviations[row])
+        known = float(plan.skewness[row, 0]), float(plan.skewness[row, 1])
+        moments = float(means[row]), std, lowest, highest
+        distributions.append(
+            Distribution(quantity, state.count, confidence, *moments, lower, upper, cumulative, skewness=known)
+        )
     results = []
     for spec, inside in zip(plan.specifications, state.inside.tolist(), strict=True):
         interval = clopper_pearson(inside, state.count, confidence)
@@ -181,18 +203,6 @@ def _covariance(state: State) -> Array | None:
     return covariance
 
 
-def _covariance_interval(covariance: Array, parts: Sequence[Moments]) -> Array:
-    found = np.full((*covariance.shape, 2), np.nan)
-    resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
-    for i, j in itertools.product(resolved, resolved):
-        one, other = parts[i], parts[j]
-        fourth = math.sqrt(one.fourth_moment * other.fourth_moment)
-        spread = math.sqrt(max(fourth - covariance[i, j] ** 2, 0.0) / one.samples)
-        half = max(one.standard_errors, other.standard_errors) * spread + one.mean_half_width * other.mean_half_width
-        found[i, j] = one.variance_interval if i == j else (covariance[i, j] - half, covariance[i, j] + half)
-    return found
-
-
 def _deviations(state: State, covariance: Array) -> Array:
     """Return the ``(8,)`` sample standard deviations."""
     variances = np.zeros(8)
@@ -202,33 +212,6 @@ def _deviations(state: State, covariance: Array) -> Array:
     constant = state.lowest[norms] == state.highest[norms]
     variances[norms] = np.where(constant, 0.0, np.maximum(squares, 0.0) / (state.count - 1))
     return np.sqrt(variances)
-
-
-def _distribution(
-    plan: Plan, state: State, confidence: float, edges: Array, row: int, means: Array, deviations: Array | None
-) -> Distribution:
-    counts = state.sketch[row]
-    if counts.sum() != state.count:
-        raise InternalError(f"the sketch of {QUANTITIES[row]} holds {counts.sum()} of {state.count} samples")
-    occupied = np.flatnonzero(counts)
-    lowest, highest = float(state.lowest[row]), float(state.highest[row])
-
-    def ends(columns: NDArray[np.intp]) -> Array:
-        return np.clip(plan.centre[row] + plan.scale[row] * edges[columns], lowest, highest)
-
-    return Distribution(
-        quantity=QUANTITIES[row],
-        samples=state.count,
-        confidence=confidence,
-        mean=float(means[row]),
-        std=None if deviations is None else float(deviations[row]),
-        min=lowest,
-        max=highest,
-        bin_lower=ends(occupied),
-        bin_upper=ends(occupied + 1),
-        bin_cumulative=np.cumsum(counts[occupied]),
-        skewness=(float(plan.skewness[row, 0]), float(plan.skewness[row, 1])),
-    )
 
 
 Verdict = Literal["met", "not met", "not judged", "undecided", "nothing to judge"]
