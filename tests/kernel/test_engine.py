@@ -36,7 +36,7 @@ def worst(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.max(np.abs(found - expected) / np.maximum(1, np.abs(expected)), initial=0.0))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_both_models_equal_the_oracle_on_random_tables(seed: int) -> None:
     rng = np.random.default_rng(seed)
     turn = float(rng.choice([1e-6, 1e-4, 1e-3, 1e-2, 5e-2]))
@@ -94,16 +94,14 @@ def test_up_to_three_radians_of_total_error() -> None:
     space = Space(tuple(Draw(f"a{k}", Uniform(1.0)) for k in range(5)))
     frames = [random_frame(rng) for _ in range(5)]
     at = plain_table(space, frames, rng.normal(size=(5, 6)) * 0.7, tip=random_frame(rng))
-    layout = sampler.to_arrays(at)
     x = space.sample(1, 0, 20_000)
-    expected = at.exact(x)
+    found, expected = sampler.errors_at(sampler.to_arrays(at), "exact", x), at.exact(x)
     angle = np.linalg.norm(expected[3:], axis=0)
     below = angle < 3.0
     assert angle[below].max() > 2.9
-    assert (layout.motions.series == WIDE).all()
-    assert worst(sampler.errors_at(layout, "exact", x)[:, below], expected[:, below]) < 1e-12
+    assert worst(found[:, below], expected[:, below]) < 1e-12
     # beyond π the shorter way round is taken, as the oracle does
-    assert worst(np.linalg.norm(sampler.errors_at(layout, "exact", x)[3:], axis=0), angle) < 1e-11
+    assert worst(np.linalg.norm(found[3:], axis=0), angle) < 1e-11
 
 
 @pytest.mark.parametrize(("largest", "series"), [(math.pi, WIDE), (0.2499, NARROW), (0.00999, FINE)])
@@ -122,9 +120,9 @@ def test_one_target_up_to_half_a_turn(largest: float, series: int) -> None:
     ("largest", "series"),
     [
         (0.0099, [FINE, FINE, FINE]),
-        pytest.param(0.0199, [FINE, FINE, NARROW], marks=pytest.mark.slow),
-        pytest.param(0.0201, [NARROW, NARROW, NARROW], marks=pytest.mark.slow),
-        pytest.param(0.251, [NARROW, NARROW, WIDE], marks=pytest.mark.slow),
+        (0.0199, [FINE, FINE, NARROW]),
+        (0.0201, [NARROW, NARROW, NARROW]),
+        (0.251, [NARROW, NARROW, WIDE]),
         (3.0, [WIDE, WIDE, WIDE]),
     ],
 )
@@ -139,8 +137,8 @@ def test_series_on_either_side_of_the_switches_equal_matrix_exponentials(largest
     layout = sampler.to_arrays(at)
     assert layout.largest_angle == pytest.approx(largest, rel=1e-9)
     assert layout.motions.series.tolist() == series
-    x = at.space.sample(0, 0, 20)
-    found = sampler.errors(layout, "exact", 0, 0, 20)
+    x = at.space.sample(0, 0, 8)
+    found = sampler.errors(layout, "exact", 0, 0, 8)
     for values, error in zip(x.T, found.T, strict=True):
         motion = np.eye(4)
         for frame, twist, value in zip(at.table.frames, at.table.twists, values, strict=True):
@@ -210,7 +208,7 @@ def test_a_formula_that_fails_is_refused_and_named_with_its_sample(formula, law,
 
 
 def test_a_failure_counts_only_among_the_units_asked_for() -> None:
-    at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.9))
+    at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.95))
     layout = sampler.to_arrays(at)
     bad = np.flatnonzero(at.space.sample(1, 0, 3000)[0] < 0)
     for unit in bad[:20].tolist():
@@ -219,6 +217,10 @@ def test_a_failure_counts_only_among_the_units_asked_for() -> None:
         # neither the unit before, in the same pair, nor those after, in the same tile, may be the reason
         last = int(bad[bad > unit][0])
         assert np.isfinite(sampler.errors(layout, "exact", 1, unit + 1, last - unit - 1)).all()
+    first = int(bad[0])
+    assert accumulate(layout, PLAN, "exact", 1, 0, 1, samples=first).count == first
+    with pytest.raises(InputError, match=f"sample {first}: "):
+        accumulate(layout, PLAN, "exact", 1, 0, 1, samples=first + 1)
 
 
 def test_a_target_that_turns_by_pi_is_refused_in_the_exact_model_only() -> None:
@@ -278,9 +280,7 @@ PLAN = Plan.from_moments(
 )
 
 
-@pytest.mark.fast(4)
-@pytest.mark.parametrize("model", ["exact", "linear"])
-@pytest.mark.parametrize("samples", [1, 257, 16_385, 40_001])
+@pytest.mark.parametrize(("model", "samples"), [("exact", 1), ("linear", 257), ("exact", 16_385), ("linear", 40_001)])
 def test_the_state_has_the_bits_of_observing_the_errors(model, samples: int) -> None:
     errors = sampler.errors(LAYOUT, model, 11, 0, samples, pose=2, visit=1)
     blocks = -(-samples // BLOCK)
@@ -323,15 +323,6 @@ def test_kept_errors_are_the_errors() -> None:
     assert found.count == BLOCK + 77
     np.testing.assert_array_equal(found.errors, sampler.errors(LAYOUT, "linear", 5, BLOCK, BLOCK + 77))
     assert sampler.observe_blocks(LAYOUT, PLAN, "linear", 5, 1, 1).errors is None
-
-
-def test_units_beyond_the_last_one_do_not_fail_the_run() -> None:
-    at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.99))
-    layout = sampler.to_arrays(at)
-    bad = int(np.flatnonzero(at.space.sample(0, 0, 10_000)[0] < 0)[0])
-    assert accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad).count == bad
-    with pytest.raises(InputError, match=f"sample {bad}: "):
-        accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad + 1)
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kernel.cases import EVERY_LAW, compiled_variants, pose_model, random_frame, random_table
+from kernel.cases import EVERY_LAW, plain_table, pose_model, random_frame, random_table
 from precision_pin.base.errors import InputError
-from precision_pin.base.jit import INTERPRETED
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Program
@@ -25,21 +24,17 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import Plan, Specification
 from precision_pin.terms.table import TermTable
 
-SPECIFICATIONS = (
-    Specification("position.norm", 5e-3, 0.5),
-    Specification("attitude.y", 2e-3, 0.5),
-    Specification("position.x", 3e-3, 0.5),
-    Specification("attitude.norm", 5e-3, 0.5),
-)
+LIMITED = (("position.norm", 5e-3), ("attitude.y", 2e-3), ("position.x", 3e-3), ("attitude.norm", 5e-3))
+SPECIFICATIONS = tuple(Specification(quantity, limit, 0.5) for quantity, limit in LIMITED)
 
 
 def at_poses(seed: int, poses: int, **shape: Any) -> list[PoseModel]:
-    """Return a random table at random poses; at every third one some terms vanish."""
-    first = random_table(seed, **shape)
-    return moved(first, seed, poses)
+    """Return a random table at random poses."""
+    return moved(random_table(seed, **shape), seed, poses)
 
 
 def moved(first: PoseModel, seed: int, poses: int) -> list[PoseModel]:
+    """Return a table at random poses; at every third one some terms vanish."""
     rng = np.random.default_rng(seed)
     found = []
     for pose in range(poses):
@@ -86,7 +81,7 @@ def assert_as_one_at_a_time(
 @pytest.mark.fast(2)
 @pytest.mark.parametrize(
     ("model", "poses", "samples"),
-    [("exact", 1, 300), ("linear", 3, 1), ("exact", 5, BLOCK + 333), ("linear", 7, 2048), ("exact", 11, 255)],
+    [("exact", 1, 300), ("linear", 3, 1), ("exact", 5, BLOCK + 333), ("linear", 7, 2048)],
 )
 def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(model, poses: int, samples: int) -> None:
     models = at_poses(3, poses, targets=4, terms=25, shift=1e-3, turn=1e-3)
@@ -145,17 +140,8 @@ def test_laws_of_every_kind_are_split_by_scope() -> None:
     groups = [tuple(f"{name}.{scope}" for name in ("other", "uniform")) for scope in ("visit", "unit")]
     space = Space(draws, tuple(Correlation(names, matrix) for names in groups))
     rng = np.random.default_rng(8)
-    count = space.size
-    table = TermTable(
-        pose=np.eye(4),
-        targets=(None,) * 3,  # type: ignore[arg-type]
-        frames=np.array([random_frame(rng) for _ in range(3)]),
-        program=Program.compile([Component(name) for name in space.components], space.index),
-        target=np.arange(count) % 3,
-        twists=1e-3 * rng.normal(size=(count, 6)),
-        factors=np.array([[k, -1, -1] for k in range(count)]),
-    )
-    assert_as_one_at_a_time(moved(pose_model(space, table), 1, 4), "exact", 600, pose=5, visit=3)
+    first = plain_table(space, [random_frame(rng) for _ in range(space.size)], 1e-3 * rng.normal(size=(space.size, 6)))
+    assert_as_one_at_a_time(moved(first, 1, 4), "exact", 600, pose=5, visit=3)
 
 
 def test_poses_laid_out_together_are_those_laid_out_alone_and_those_can_be_joined() -> None:
@@ -174,18 +160,6 @@ def test_poses_laid_out_together_are_those_laid_out_alone_and_those_can_be_joine
     both = sampler.observe_norms(together, plans, "exact", 5, 2, 2)
     second = sampler.observe_norms(together[1:], plans[1:], "exact", 5, 3, 1, first_pose=1)
     np.testing.assert_array_equal(both.sums[1:, 1], second.sums[:, 0])
-
-
-def test_one_compilation_serves_every_table() -> None:
-    for seed in range(3):
-        models = at_poses(seed, seed + 1, targets=seed, terms=3 * seed, shift=0.0, turn=1e-3)
-        layouts, plans = sampler.to_arrays_at_poses(models), [Plan(np.zeros(8), np.ones(8))] * len(models)
-        sampler.observe_norms(layouts, planned(models), "exact", 0, 0, 1, samples=9)
-        numbers = (np.int64(1), np.uint8(0), np.int32(1))
-        sampler.observe_norms(layouts, plans, "linear", *numbers, samples=np.int64(3))
-    if not INTERPRETED:
-        seen = compiled_variants(loops.run_poses)
-        assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
 
 
 def test_the_small_sketch_is_as_fine_as_it_says() -> None:

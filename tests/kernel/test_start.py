@@ -79,12 +79,15 @@ def test_one_compilation_serves_every_table() -> None:
         sampler.errors_at(layout, "exact", fixed)
         sampler.errors(layout, "exact", np.uint64(3), np.uint64(5), np.int32(7))
         plan = Plan(np.zeros(8), np.ones(8), (Specification("position.x", 1.0, 0.5),))
-        sampler.observe_blocks(layout, plan, "exact", np.int64(1), np.int64(0), np.uint8(1), samples=np.int32(20))
+        units = (np.int64(1), np.int64(0), np.uint8(1))
+        sampler.observe_blocks(layout, plan, "exact", *units, samples=np.int32(20))
+        sampler.observe_norms([layout], [plan], "linear", *units, samples=np.int64(3))
     sampler.warm_up()
     assert sampler.is_compiled()
     if not INTERPRETED:
-        seen = compiled_variants(loops.run)
-        assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
+        for function in (loops.run, loops.run_poses):
+            seen = compiled_variants(function)
+            assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
 
 
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")

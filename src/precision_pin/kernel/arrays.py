@@ -422,7 +422,8 @@ def _convert_displacements(
     """Return, for each table, the arrays of both models and the bound on the sum of the targets' rotation angles."""
     # sums and products are elementwise, because the bits of a matrix product depend on its size
     count = len(tables[0].targets)
-    poses, frames, twists = _stack(tables, "pose"), _stack(tables, "frames"), _stack(tables, "twists")
+    parts = ("pose", "frames", "twists")
+    poses, frames, twists = (np.stack([getattr(table, part) for table in tables]) for part in parts)
     target = tables[0].target
     turned = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
     shifted = _rotate(frames[:, target, :3, :3], twists[:, :, :3])
@@ -498,25 +499,17 @@ class _Sum:
         own, vectors = self.vectors[poses], np.zeros((len(poses), size + 6 * sets, 3))
         vectors[:, : len(single)] = own[:, single]
         vectors[:, [size + 6 * (k // 3) + k % 3 for k in range(len(double))]] = own[:, double]
-        return _Entries(rows + factors, vectors, size)
+        return _Entries(rows + factors, vectors, (size, len(factors)))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class _Entries:
-    """Entries of a sum in the format of `precision_pin.kernel.loops.Motions`: rows, vectors, number of single rows."""
+    """Entries of a sum in the format of `precision_pin.kernel.loops.Motions`: rows, vectors, counts of single and double rows."""
 
     rows: list[int]
     vectors: Array
-    single: int
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        return self.single, len(self.rows) - self.single
-
-
-def _stack(tables: Sequence[TermTable], name: str) -> Array:
-    return np.stack([getattr(table, name) for table in tables])
+    sizes: tuple[int, int]
 
 
 def _rotate(rotation: Array, vector: Array) -> Array:

@@ -14,7 +14,7 @@ change.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any, Final, Literal, Protocol, final
@@ -154,12 +154,7 @@ def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: in
     root, and the same numbers within a few units in the last place for all others. Raises InputError for a wrong seed,
     unit, pose or visit.
     """
-    # always whole tiles, so that a unit's numbers do not depend on the first unit of the call
-    skip = _check_units(first, count)
-    _check_kept(layout.space.size, count)
-    kept = np.empty((layout.space.size, skip + count))
-    _run(layout, loops.DRAW, _Units(seed, first - skip, skip, skip + count, pose, visit), components=kept)
-    return kept[:, skip:]
+    return _keep(layout, loops.DRAW, "components", layout.space.size, _Units(seed, first, 0, count, pose, visit))
 
 
 def errors(
@@ -177,11 +172,7 @@ def errors(
         InputError: A wrong seed, unit, pose, visit or model; or, for one of the units, a formula that fails, a target
             that turns by π or more, an error that is not finite.
     """
-    skip = _check_units(first, count)
-    _check_kept(6, count)
-    kept = np.empty((6, skip + count))
-    _run(layout, stage_of(model), _Units(seed, first - skip, skip, skip + count, pose, visit), errors=kept)
-    return kept[:, skip:]
+    return _keep(layout, stage_of(model), "errors", 6, _Units(seed, first, 0, count, pose, visit))
 
 
 def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
@@ -202,8 +193,7 @@ def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
         series = np.full_like(motions.series, loops.WIDE)
         series.flags.writeable = False
         motions = motions._replace(series=series)
-    units = _Units(0, 0, 0, values.shape[1], 0, 0)
-    _run(layout, stage_of(model), units, given=values, errors=kept, motions=motions)
+    _run(layout, stage_of(model), _Units(count=values.shape[1]), given=values, errors=kept, motions=motions)
     return kept
 
 
@@ -276,29 +266,31 @@ def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
 class _Units:
     """Range of ``count`` units from ``first`` on; the first ``skip``, not requested, complete a tile."""
 
-    seed: int
-    first: int
-    skip: int
-    count: int
-    pose: int
-    visit: int
+    seed: int = 0
+    first: int = 0
+    skip: int = 0
+    count: int = 1
+    pose: int = 0
+    visit: int = 0
 
 
-_ONE_UNIT: Final = _Units(0, 0, 0, 1, 0, 0)
+_ONE_UNIT: Final = _Units()
 
 
-def _check_units(first: int, count: int) -> int:
-    """Return the number of units between the start of the tile and the first unit."""
+def _keep(layout: SamplerArrays, stage: int, name: str, rows: int, units: _Units) -> Array:
+    """Return the components or errors ``(rows, count)`` of some units."""
+    first, count = units.first, units.count
     whole = isinstance(first, int | np.integer) and isinstance(count, int | np.integer)
     if not whole or first < 0 or count < 0 or first + count > MOST_UNITS:
         raise InputError(
             f"{count!r} units from {first!r} on: both must be whole numbers, and units are numbered from 0 to 2^63 - 1"
         )
-    return int(first) % loops.TILE
-
-
-def _check_kept(rows: int, count: int) -> None:
     check_memory(8.0 * rows * count, f"keeping {rows} numbers for each of {count:,} robots", "request fewer at a time")
+    # always whole tiles, so that a unit's numbers do not depend on the first unit of the call
+    skip = int(first) % loops.TILE
+    kept = np.empty((rows, skip + count))
+    _run(layout, stage, replace(units, first=first - skip, skip=skip, count=skip + count), **{name: kept})
+    return kept[:, skip:]
 
 
 def allocate_scratch() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
@@ -418,9 +410,10 @@ class JoinedTables:
             )
         varying = _find_varying(first)
         unit_formulas, formulas = _split_formulas(first.formulas, varying)
+        every = [getattr(first.draws, name) for name in first.draws._fields if name.endswith("_rows")]
         return cls(
             layouts=tuple(layouts),
-            unit_draws=_select_draws(first.draws, np.setdiff1d(_all_rows(first.draws), varying)),
+            unit_draws=_select_draws(first.draws, np.setdiff1d(np.concatenate(every), varying)),
             unit_formulas=unit_formulas,
             draws=_select_draws(first.draws, varying),
             formulas=formulas,
@@ -463,22 +456,16 @@ def _find_varying(layout: SamplerArrays) -> loops.Offsets:
         for component in range(columns.start, columns.stop)
     } - set(layout.draws.fixed_rows.tolist())
     formulas = layout.formulas
-    steps = [
-        *zip(formulas.left.tolist(), formulas.right.tolist(), formulas.results.tolist(), strict=True),
-        *(
-            (*factors, result)
-            for factors, result in zip(formulas.product_factors.tolist(), formulas.products.tolist(), strict=True)
-        ),
-    ]
-    for left, right, result in steps:
+    steps = np.vstack(
+        [
+            np.column_stack([formulas.left, formulas.right, formulas.results]),
+            np.column_stack([formulas.product_factors, formulas.products]),
+        ]
+    )
+    for left, right, result in steps.tolist():
         if left in found or right in found:
             found.add(result)
     return np.array(sorted(found), dtype=np.uint64)
-
-
-def _all_rows(draws: loops.Draws) -> loops.Offsets:
-    rows = [getattr(draws, name) for name in draws._fields if name.endswith("_rows")]
-    return np.unique(np.concatenate(rows))
 
 
 def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:

@@ -11,24 +11,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from precision_pin.sampling.blocks import MOST_SAMPLES as MOST_SAMPLES
     from precision_pin.sampling.blocks import check_samples as check_samples
     from precision_pin.sampling.one_pose import Progress as Progress
     from precision_pin.sampling.one_pose import check_progress as check_progress
     from precision_pin.sampling.one_pose import monte_carlo as monte_carlo
-    from precision_pin.sampling.workers import Submitter as Submitter
     from precision_pin.sampling.workers import available_cores as available_cores
     from precision_pin.sampling.workers import dask_cluster as dask_cluster
 
 _HOMES: Final = {
-    "MOST_SAMPLES": "blocks",
-    "Progress": "one_pose",
-    "Submitter": "workers",
-    "available_cores": "workers",
-    "check_progress": "one_pose",
+    **dict.fromkeys(("Progress", "check_progress", "monte_carlo"), "one_pose"),
+    **dict.fromkeys(("available_cores", "dask_cluster"), "workers"),
     "check_samples": "blocks",
-    "dask_cluster": "workers",
-    "monte_carlo": "one_pose",
 }
 __all__ = [*_HOMES]
 

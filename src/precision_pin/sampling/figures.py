@@ -154,15 +154,12 @@ def save(figure: Figure, path_without_suffix: str | os.PathLike[str]) -> tuple[P
 def _figure_of_norm(
     summary: Summary, norm: Distribution, title: str, seed: int | None, unit: WrittenUnit | None
 ) -> Figure:
+    unit = unit or draw_distribution.display_unit(norm)
     with figure_style.style():
         figure = figure_style.new_figure(figure_style.SINGLE_COLUMN)
         upper, lower = figure.subplots(2, 1, sharex=True)
-        draw_distribution.draw_histogram(
-            upper, norm, unit or draw_distribution.display_unit(norm), summary.specifications
-        )
-        draw_distribution.draw_cumulative(
-            lower, norm, unit or draw_distribution.display_unit(norm), summary.specifications
-        )
+        draw_distribution.draw_histogram(upper, norm, unit, summary.specifications)
+        draw_distribution.draw_cumulative(lower, norm, unit, summary.specifications)
         upper.set_xlabel("")
         _finish(figure, 85.0, title, figure_style.labelled([upper]), norm, seed, columns=1)
     return figure

@@ -295,7 +295,7 @@ class MonteCarloResult(Record, JsonResult):
         def over(values: Callable[[Distribution], Any], *dimensions: str) -> tuple[tuple[str, ...], list[Any]]:
             return ("quantity", *dimensions), [values(distribution) for distribution in distributions]
 
-        covariance, interval = self.covariance, self.summary.covariance_interval
+        covariance, interval, nowhere = self.covariance, self.summary.covariance_interval, np.full((6, 6, 2), np.nan)
         variables: dict[str, Any] = {
             name: over(lambda one: tables.number(getattr(one, name)))  # noqa: B023 - called at once
             for name in ("mean", "std", "min", "max", "mode")
@@ -308,13 +308,10 @@ class MonteCarloResult(Record, JsonResult):
         )
         variables["nominal"] = ("component", self.nominal)
         pair = ("component", "component_2")
-        variables["covariance"] = (pair, np.full((6, 6), np.nan) if covariance is None else covariance)
+        variables["covariance"] = (pair, nowhere[..., 0] if covariance is None else covariance)
         for name in ("mean", "std", "mode"):
             variables[f"{name}_interval"] = over(lambda one: one.interval(name) or nothing, "end")  # noqa: B023
-        variables["covariance_interval"] = (
-            (*pair, "end"),
-            np.full((6, 6, 2), np.nan) if interval is None else interval,
-        )
+        variables["covariance_interval"] = ((*pair, "end"), nowhere if interval is None else interval)
         variables["tolerance_bounds"] = over(
             lambda one: [one.tolerance_bounds(content) or nothing for content in CONTENTS], "content", "end"
         )
@@ -384,16 +381,15 @@ class MonteCarloResult(Record, JsonResult):
 
 
 def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
-    row = tables.interval_columns("mean", distribution.mean, distribution.mean_interval())
-    row |= tables.interval_columns("std", distribution.std, distribution.std_interval())
+    row: dict[str, float] = {}
+    for name in ("mean", "std"):
+        row |= tables.interval_columns(name, *distribution.value_and_interval(name))
     row |= {"min": distribution.min, "max": distribution.max}
-    row |= tables.interval_columns("mode", distribution.mode, distribution.mode_interval())
-    for level in levels:
+    for name, statistic in (("mode", "mode"), *((f"quantile_{level}", level) for level in levels)):
         # as in the JSON, low quantiles of a norm are not reported
-        shown = level in distribution.levels
-        quantile = distribution.quantile(level) if shown else None
+        is_reported = statistic == "mode" or statistic in distribution.levels
         row |= tables.interval_columns(
-            f"quantile_{level}", quantile, distribution.quantile_interval(level) if shown else None
+            name, *distribution.value_and_interval(statistic) if is_reported else (None, None)
         )
     return row
 
