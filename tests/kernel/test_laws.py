@@ -25,7 +25,7 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.statistics import accumulate
 from precision_pin.statistics.accumulate import LARGEST
-from support.sampling_checks import LAW_SPACE, SLOPES, exact_failures
+from support.sampling_checks import LAW_SPACE, exact_failures
 
 GAP = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (0.9, 2.0), (1.0, 2.5))
 MANY = tuple(np.random.default_rng(2).normal(size=1000).tolist())
@@ -65,12 +65,10 @@ def test_draws_are_those_of_the_space(seed: int, first: int, count: int, pose: i
         for draw, rows in zip(space.draws, space.slices, strict=True):
             if draw.name in SAME_BITS:
                 np.testing.assert_array_equal(drawn[rows], expected[rows], err_msg=draw.name)
+            if draw.name == "disc" and space is EVERY_LAW:
+                np.testing.assert_allclose(drawn[rows], expected[rows], rtol=3 * 2.0**-52)
             # the numbers are of order one; a sum of three terms of order one rounds to 2e-16
             np.testing.assert_allclose(drawn[rows], expected[rows], rtol=0, atol=tolerance, err_msg=draw.name)
-    rows = EVERY_LAW.slices[4]
-    drawn = sampler.sample(layout_of(EVERY_LAW), seed, first, count, pose=pose, visit=visit)
-    expected = EVERY_LAW.sample(seed, first, count, pose=pose, visit=visit)
-    np.testing.assert_allclose(drawn[rows], expected[rows], rtol=3 * 2.0**-52, err_msg="disc")
 
 
 def ulps(value: np.ndarray, expected: np.ndarray) -> float:
@@ -191,17 +189,14 @@ def truncated(k: float) -> tuple[float, float, float]:
     return k, special.ndtr(-k), math.erf(k / math.sqrt(2))
 
 
-@pytest.mark.fast(1)
 @pytest.mark.parametrize(
     ("function", "arguments", "expected"),
     [
-        (loops.uniform_law, (0.3, 2.0), stats.uniform(-1.7, 4.0)),
         (loops.triangular_law, (0.3, 2.0), stats.triang(0.5, -1.7, 4.0)),
         (loops.truncated_law, (0.3, 2.0, *truncated(3.0)), stats.truncnorm(-3, 3, 0.3, 2.0)),
-        (loops.truncated_law, (0.0, 1.0, *truncated(9.0)), stats.truncnorm(-9, 9)),
-        (loops.arcsine_law, (0.3, 2.0), stats.arcsine(-1.7, 4.0)),
+        pytest.param(loops.truncated_law, (0.0, 1.0, *truncated(9.0)), stats.truncnorm(-9, 9), marks=pytest.mark.slow),
     ],
-    ids=["uniform", "triangular", "truncated", "truncated at nine sigma", "arcsine"],
+    ids=["triangular", "truncated", "truncated at nine sigma"],
 )
 def test_quantiles_on_an_injected_grid_equal_scipy(function, arguments, expected) -> None:
     value = row_of(function, GRID, *arguments)
@@ -216,9 +211,7 @@ def test_skewed_and_discrete_quantiles_on_an_injected_grid() -> None:
     lower, sigma = GRID < 0.5, math.sqrt(math.log(2))
     seen = row_of(loops.lognormal_law, special.ndtri(GRID), 3.0, sigma, sigma**2 / 2)
     np.testing.assert_allclose(seen[lower], stats.lognorm(sigma, scale=3 / math.sqrt(2)).ppf(GRID[lower]), rtol=1e-12)
-    seen = row_of(loops.two_point_law, GRID, 0.3, 2.0, 0.7)
-    np.testing.assert_array_equal(seen, np.where(GRID > 0.7, 2.3, -1.7))
-    for quantiles in (SLOPES, GAP, Empirical.from_samples(MANY).quantiles, Empirical.from_samples([1.5]).quantiles):
+    for quantiles in (GAP, Empirical.from_samples([1.5]).quantiles):
         law = Empirical(quantiles)
         u = np.concatenate([GRID, law.segments[:, 0], [1.0]])
         padded = np.concatenate([np.full((3, 4), 9.0), law.segments, np.full((2, 4), -9.0)])

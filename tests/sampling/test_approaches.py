@@ -95,21 +95,16 @@ def test_a_measured_point_beside_the_tip_and_robots_from_the_middle() -> None:
     np.testing.assert_array_equal(all_of_them.shifts, all_of_them.errors[:, :, :3])
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
+def test_wrong_inputs_are_told_in_a_line() -> None:
+    for settings, message in (
         ({"approaches": ["hinge +"]}, "1 approaches; to compare them, give two or more"),
-        ({"approaches": "hinge +"}, "the approaches must be a list"),
         ({"approaches": ["hinge +", "hing -"]}, "did you mean 'hinge'"),
-        ({"approaches": ["hinge +", "previous"]}, "the approach is 'previous', but there is no pose before"),
         ({"cycles": 1}, "the number of cycles must be a whole number from 2 to 2047, got 1"),
         ({"robots": 0}, "the number of robots"),
         ({"model": "cubic"}, "exact or linear"),
-    ],
-)
-def test_wrong_inputs_are_told_in_a_line(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        pp.sample_approaches(hinge(), [0.0], **{"approaches": ["hinge +", "hinge -"], "robots": 2, **settings})
+    ):
+        with pytest.raises(InputError, match=message):
+            pp.sample_approaches(hinge(), [0.0], **{"approaches": ["hinge +", "hinge -"], "robots": 2, **settings})
 
 
 JOINTS = MODEL.chain.joint_names

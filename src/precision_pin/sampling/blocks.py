@@ -181,7 +181,10 @@ def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
         found[:, 1] = _NORMAL_SQUARE
         found[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
         return found
-    known = [_normal_cumulants(draw.law) if own is None else own for draw, own in zip(draws, skewed, strict=True)]
+    known = [
+        np.pad([np.diagonal(draw.law.covariance)], ((0, 3), (0, 0))) if own is None else own
+        for draw, own in zip(draws, skewed, strict=True)
+    ]
     cumulants = np.concatenate([np.zeros((4, 0)), *known], axis=1)
     second, third, fourth, sixth = (
         (slopes**power * cumulant).sum(axis=1) for power, cumulant in zip((2, 3, 4, 6), cumulants, strict=True)
@@ -208,9 +211,3 @@ def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
 @lru_cache(maxsize=4096)
 def _cumulants(law: Law) -> Array | None:
     return law.cumulants()
-
-
-def _normal_cumulants(law: Law) -> Array:
-    normal = np.zeros((4, law.size))
-    normal[0] = np.diagonal(law.covariance)
-    return normal

@@ -450,18 +450,19 @@ class PoseGroup:
             diagonal = np.arange(6)
             covariance[diagonal, diagonal] = np.maximum(covariance[diagonal, diagonal], 0.0)
         cumulative = np.cumsum(self._sketch, axis=2, dtype=np.int64)
-        quantiles = [self._quantile(cumulative, level, confidence) for level in LEVELS]
+        quantiles = (self._quantile(cumulative, level, confidence) for level in LEVELS)
         inside = self._inside.T
         intervals = [[clopper_pearson(kept, self.count, confidence) for kept in row] for row in inside.tolist()]
+        quantile, interval, resolution = map(np.stack, zip(*quantiles, strict=True))
         return {
             "mean": mean[:, COMPONENTS].T,
             "covariance": covariance,
             "norm_mean": mean[:, NORMS].T,
             "norm_std": (std if self.count > 1 else np.full_like(std, np.nan))[:, NORMS].T,
             "norm_max": self._highest.T,
-            "quantile": np.stack([quantile for quantile, _, _ in quantiles]),
-            "quantile_interval": np.stack([interval for _, interval, _ in quantiles]),
-            "quantile_resolution": np.stack([resolution for _, _, resolution in quantiles]),
+            "quantile": quantile,
+            "quantile_interval": interval,
+            "quantile_resolution": resolution,
             "probability": inside / self.count,
             "probability_interval": np.moveaxis(np.reshape(intervals, (len(inside), self.poses, 2)), 2, 1),
         }
@@ -490,12 +491,10 @@ class PoseGroup:
         # value - centre was rounded before binning: widen by one unit in the last place on each side
         _, low, _ = self._order_statistic(cumulative, ranks[0])
         _, _, high = self._order_statistic(cumulative, ranks[1])
-        ends = (
-            np.maximum(np.nextafter(low, -np.inf), self._lowest),
-            np.minimum(np.nextafter(high, np.inf), self._highest),
-        )
+        low = np.maximum(np.nextafter(low, -np.inf), self._lowest)
+        high = np.minimum(np.nextafter(high, np.inf), self._highest)
         quantile = first + (position - below) * (second - first)
-        return quantile.T, np.stack([end.T for end in ends], axis=1), (np.maximum(upper, second_upper) - lower).T
+        return quantile.T, np.stack([low.T, high.T], axis=1), (np.maximum(upper, second_upper) - lower).T
 
     def _order_statistic(self, cumulative: NDArray[np.int64], rank: int) -> tuple[Array, Array, Array]:
         """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the edges of their bins."""
@@ -505,9 +504,8 @@ class PoseGroup:
         column = (cumulative < rank).sum(axis=2)[..., None]
         counts = np.take_along_axis(self._sketch, column, axis=2)[..., 0].astype(np.int64)
         before = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts
-        centre, scale = (
-            np.array([getattr(plan, name) for plan in self._plans])[:, NORMS] for name in ("centre", "scale")
-        )
+        centre = np.array([plan.centre for plan in self._plans])[:, NORMS]
+        scale = np.array([plan.scale for plan in self._plans])[:, NORMS]
         lower = np.maximum(centre + _EDGES[column[..., 0]] * scale, self._lowest)
         upper = np.minimum(centre + _EDGES[column[..., 0] + 1] * scale, self._highest)
         return lower + (rank - before - 0.5) / counts * (upper - lower), lower, upper

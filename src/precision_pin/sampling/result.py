@@ -385,12 +385,11 @@ def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, f
     for name in ("mean", "std"):
         row |= tables.interval_columns(name, *distribution.value_and_interval(name))
     row |= {"min": distribution.min, "max": distribution.max}
-    for name, statistic in (("mode", "mode"), *((f"quantile_{level}", level) for level in levels)):
+    row |= tables.interval_columns("mode", *distribution.value_and_interval("mode"))
+    for level in levels:
         # as in the JSON, low quantiles of a norm are not reported
-        is_reported = statistic == "mode" or statistic in distribution.levels
-        row |= tables.interval_columns(
-            name, *distribution.value_and_interval(statistic) if is_reported else (None, None)
-        )
+        found = distribution.value_and_interval(level) if level in distribution.levels else (None, None)
+        row |= tables.interval_columns(f"quantile_{level}", *found)
     return row
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from precision_pin.base import units
 from precision_pin.base.arguments import check_name, check_number, check_quantity, check_text, shown
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, fix_copy
 from precision_pin.base.errors import InputError, InternalError, UnitError, UnknownNameError
 from precision_pin.base.units import ANGLE, LENGTH, Quantity
 
@@ -146,16 +146,13 @@ class Plan:
             largest = spread[four].max()
             substitute = largest * _RELATIVE_SCALE_WITHOUT_SPREAD if largest > 0 else _SCALE_WITHOUT_SPREAD
             spread[four] = np.where(spread[four] > 0, spread[four], substitute)
-        scale = _power_of_two(np.maximum(spread, _SMALLEST_SCALE))
-        centre.flags.writeable = False
-        scale.flags.writeable = False
-        skewness = np.array(self.skewness, dtype=float)
-        if skewness.shape != (8, 2):
-            raise InternalError(f"a plan has eight pairs of skewnesses, not {skewness.shape}")
-        skewness.flags.writeable = False
-        object.__setattr__(self, "skewness", skewness)
-        object.__setattr__(self, "centre", centre)
-        object.__setattr__(self, "scale", scale)
+        # the nearest powers of two on a logarithmic scale
+        mantissa, exponent = np.frexp(np.maximum(spread, _SMALLEST_SCALE))
+        scale = np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
+        if np.shape(self.skewness) != (8, 2):
+            raise InternalError(f"a plan has eight pairs of skewnesses, not {np.shape(self.skewness)}")
+        for name, values in (("skewness", self.skewness), ("centre", centre), ("scale", scale)):
+            object.__setattr__(self, name, fix_copy(values))
         object.__setattr__(self, "specifications", tuple(self.specifications))
 
     @classmethod
@@ -220,12 +217,6 @@ class Plan:
             centre[norm + 1 : norm + 4] = m
             scale[norm + 1 : norm + 4] = np.sqrt(np.maximum(np.diagonal(c), 0.0))
         return cls(centre, scale, specifications)
-
-
-def _power_of_two(values: Array) -> Array:
-    """Return the power of two nearest to each positive value on a logarithmic scale."""
-    mantissa, exponent = np.frexp(values)
-    return np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
 
 
 DEFAULT_PROBABILITY: Final = 0.95
