@@ -12,9 +12,8 @@ from typing import Any, Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base import arguments
 from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import check_flag, check_instance, check_items, check_kept, check_whole
+from precision_pin.base.arguments import check_flag, check_instance, check_items, check_kept, check_whole, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, OutputError, add, warns_at_end
 from precision_pin.draws.draw import Scope
@@ -131,15 +130,15 @@ def monte_carlo(
             another run.
         OutputError: The journal cannot be written.
     """
-    arguments.check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     if pose is not None and q is not None:
         raise InputError("q and pose mean the same; give one of them")
     pose = q if pose is None else pose
     pose = pose if approach is None else ApproachedPose(pose, approach)
     specifications = check_run(samples, seed, model, confidence, specifications)
-    until = (until,) if isinstance(until, str) else arguments.check_items("until, targets,", until, str)
-    findings = arguments.check_items("findings", findings, Finding)
-    arguments.check_flag("keep_samples", keep_samples)
+    until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
+    findings = check_items("findings", findings, Finding)
+    check_flag("keep_samples", keep_samples)
     check_saving(journal, resume, files, tell)
     check_progress(progress)
     if keep_samples:
@@ -245,7 +244,7 @@ def result_at(
 def check_progress(progress: object) -> None:
     """Check that progress is a function, a flag or None."""
     if progress is not None and not isinstance(progress, bool) and not callable(progress):
-        raise InputError(f"progress must be a function, or True for a bar, got {arguments.shown(progress)}")
+        raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
 
 
 def _enough(
