@@ -153,8 +153,8 @@ FEWER = {"budget": 1024, "exact-law": 2000, "moments": 4096}
 def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the figures of pages blank, their arm coarse and their sections of few samples: tests/outputs looks at them."""
     blank = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
-    monkeypatch.setattr("precision_pin.render.svg._svg", lambda _: blank)
-    monkeypatch.setattr("precision_pin.pages.view.raster._OVERSAMPLING", 1)
+    monkeypatch.setattr("precision_pin.render.figure_style._svg", lambda _: blank)
+    monkeypatch.setattr("precision_pin.pages.view.drawing._OVERSAMPLING", 1)
     take_few_samples(monkeypatch)
 
 

@@ -20,7 +20,7 @@ from precision_pin.base.units import LENGTH
 from precision_pin.draws import laws
 from precision_pin.draws.laws import LAWS, Law, laws_of_sheets
 from precision_pin.kernel import sampler
-from precision_pin.pages.report.sections import parameters
+from precision_pin.pages.report.page import parameters
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 from precision_pin.sheet.settings import law_options, parse_law

@@ -27,10 +27,10 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.pages.view.drawing import Cloud, draw_picture
-from precision_pin.pages.view.raster import Camera, Triangles, draw_triangles
+from precision_pin.pages.view.drawing import Camera, Cloud, draw_picture, draw_triangles
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import display_unit
+from precision_pin.render.scene import Triangles
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import figures as plots

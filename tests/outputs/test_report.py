@@ -36,8 +36,7 @@ from precision_pin.analyses.monte_carlo.section import distributions, specificat
 from precision_pin.analyses.worst_case.worst_case import worst_case
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import origin_shares
-from precision_pin.pages.report.page import _opened, page
-from precision_pin.pages.report.sections import assumptions, without_folders
+from precision_pin.pages.report.page import _opened, assumptions, page, without_folders
 from precision_pin.pages.report.summary import changes, summary
 from precision_pin.pages.view import script_hashes
 from precision_pin.render.html import element, section
@@ -65,7 +64,7 @@ def undrawn(monkeypatch):
     """Leave figures blank: the page of the paper's case has all of them, and is made before, since it is kept for all tests."""
     paper()
     blank = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
-    monkeypatch.setattr("precision_pin.render.svg._svg", lambda _: blank)
+    monkeypatch.setattr("precision_pin.render.figure_style._svg", lambda _: blank)
 
 
 @pytest.fixture(scope="module")

@@ -39,8 +39,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, ViewPose, script_hashes
 from precision_pin.pages.view.scales import arm_length, default_factor, middle_of, view_direction
-from precision_pin.render.colour_scale import ColourScale, round_number
-from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.display_units import ColourScale, WrittenUnit, round_number
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.robot.mesh_surfaces import Surface, thinned

@@ -32,8 +32,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose
 from precision_pin.pages.view.headline import answers
-from precision_pin.pages.view.poses import ellipsoids
-from precision_pin.pages.view.tolerances import link_shares
+from precision_pin.pages.view.poses import ellipsoids, link_shares
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.statistics.plan import specification

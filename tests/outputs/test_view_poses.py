@@ -26,8 +26,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose
 from precision_pin.pages.view.headline import answers
-from precision_pin.pages.view.poses import ellipsoids
-from precision_pin.pages.view.tolerances import choose_groups, link_shares, tangent_of
+from precision_pin.pages.view.poses import choose_groups, ellipsoids, link_shares, tangent_of
 from precision_pin.robot import mcpc
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.urdf import read

@@ -24,7 +24,7 @@ from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:
     from precision_pin.pages.view import ViewPose
-    from precision_pin.render.chapter import Layer
+    from precision_pin.render.scene import Layer
     from precision_pin.sheet import Sheet
 
 CHUNK = 2**14

@@ -21,12 +21,11 @@ from precision_pin.analyses.allocation.table import (
     verdict_lines,
 )
 from precision_pin.base.errors import visible
-from precision_pin.render.chapter import Chapter
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION
-from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
 from precision_pin.render.html import Html, items, section, table
-from precision_pin.render.svg import figure as inline_figure
+from precision_pin.render.scene import Chapter
 from precision_pin.render.tables import symbol
 
 _MOST_BARS: Final = 12

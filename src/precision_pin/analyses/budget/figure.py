@@ -16,9 +16,8 @@ from precision_pin.analyses.budget.table import source_name
 from precision_pin.analyses.causes import Cause, CauseShare, rank_causes
 from precision_pin.analyses.collect import MISSING, Results, percent, shown
 from precision_pin.base.errors import shortened
-from precision_pin.render import svg
 from precision_pin.render.draw_distribution import BLACK, SKY
-from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, new_figure, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, inline_figure, new_figure, style
 from precision_pin.render.html import Child, Html, beside, element, items, joined, paragraph, table
 from precision_pin.render.tables import milli, quantity_label, unit
 
@@ -34,7 +33,7 @@ def content(result: BudgetResult, results: Results) -> list[Child]:
     if not pose.draws:
         return [paragraph("Nothing varies, so there are no shares.")]
     ranked = {vector: rank_causes(results.causes, pose, vector) for vector in VECTORS}
-    chart = svg.figure(
+    chart = inline_figure(
         draw_bars(result, 0, {vector: [_bar(one) for one in ranked[vector]] for vector in VECTORS}),
         f"{results.prefix}budget",
         f"Shares of the variance: {'; '.join(_largest(ranked[vector], vector) for vector in VECTORS)}",

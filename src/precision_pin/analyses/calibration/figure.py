@@ -28,13 +28,11 @@ from precision_pin.analyses.calibration.table import (
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
 from precision_pin.render import figure_style
-from precision_pin.render.chapter import Chapter
-from precision_pin.render.colour_scale import ColourScale, round_number
+from precision_pin.render.display_units import ColourScale, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
-from precision_pin.render.figure_style import SINGLE_COLUMN
+from precision_pin.render.figure_style import SINGLE_COLUMN, inline_figure
 from precision_pin.render.html import Child, Html, element, escaped, items, joined, paragraph, section, table
-from precision_pin.render.scene import Scene
-from precision_pin.render.svg import figure as inline_figure
+from precision_pin.render.scene import Chapter, Scene
 from precision_pin.render.tables import milli
 
 _HEIGHT: Final = 70.0

@@ -19,13 +19,11 @@ from precision_pin.base.errors import visible
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import Part, PoseModel
 from precision_pin.render import figure_style
-from precision_pin.render.chapter import Chapter
-from precision_pin.render.colour_scale import round_number
-from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.display_units import WrittenUnit, round_number
 from precision_pin.render.draw_distribution import BLUE, VERMILION
+from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Html, escaped, items, paragraph, section, table
-from precision_pin.render.scene import Scene
-from precision_pin.render.svg import figure as inline_figure
+from precision_pin.render.scene import Chapter, Scene
 from precision_pin.render.tables import symbol
 from precision_pin.robot.chain import Posture
 

@@ -15,9 +15,16 @@ from precision_pin.analyses.collect import MISSING, Results
 from precision_pin.analyses.exact_law.exact_law import LEVELS, LEVELS_SHOWN, ExactLaw, ExactLawResult, missing
 from precision_pin.analyses.exact_law.table import method_rows
 from precision_pin.base.errors import one_line
-from precision_pin.render import svg
 from precision_pin.render.draw_distribution import BLUE, SKY, VERMILION, ticks
-from precision_pin.render.figure_style import DOUBLE_COLUMN, LINE_HEIGHT, caption, end_figure, new_figure, style
+from precision_pin.render.figure_style import (
+    DOUBLE_COLUMN,
+    LINE_HEIGHT,
+    caption,
+    end_figure,
+    inline_figure,
+    new_figure,
+    style,
+)
 from precision_pin.render.html import Child, Html, items, paragraph, table
 from precision_pin.render.tables import milli, quantity_label, symbol, unit
 from precision_pin.statistics import Distribution
@@ -33,7 +40,7 @@ def content(result: ExactLawResult, results: Results) -> list[Child]:
         known = [law for name, law in laws.items() if name.startswith(vector) and law.law is not None]
         if known:
             pictures.append(
-                svg.figure(
+                inline_figure(
                     _overlay(known, [results.analysis.summary.distribution(law.quantity) for law in known]),
                     f"{results.prefix}exact-{vector}",
                     f"Exact law over the sampled {vector} error: {'; '.join(_described(law) for law in known)}",

@@ -13,8 +13,8 @@ from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
 from precision_pin.analyses.moments.table import moment_rows
 from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
+from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, paragraph, table
-from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import milli, quantity_label, symbol, unit
 from precision_pin.statistics import COMPONENTS, QUANTITIES
 

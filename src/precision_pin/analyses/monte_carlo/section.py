@@ -7,8 +7,8 @@ from typing import Final
 
 from precision_pin.analyses.collect import MISSING, Results, bracketed, milli_interval, shown, statistic
 from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES, tolerance_bounds
+from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, element, joined, paragraph, section, table
-from precision_pin.render.svg import figure
 from precision_pin.render.tables import absolute, milli, quantity_label, symbol, unit
 from precision_pin.sampling import figures
 from precision_pin.statistics import Distribution, SpecificationResult, VectorDistribution, Verdict, format_share
@@ -119,13 +119,13 @@ def distributions(results: Results) -> Html:
     drawn = figures.figures_of(analysis.summary, analysis.seed, analysis.arm)
     pictures = element(
         "div",
-        figure(
+        inline_figure(
             drawn["position"],
             f"{results.prefix}position",
             f"Density and cumulative distribution of the position error: {_described(analysis.position.norm)}",
             "Position error |d|: density above, cumulative distribution below.",
         ),
-        figure(
+        inline_figure(
             drawn["attitude"],
             f"{results.prefix}attitude",
             f"Density and cumulative distribution of the attitude error: {_described(analysis.attitude.norm)}",
@@ -134,7 +134,7 @@ def distributions(results: Results) -> Html:
         class_="pair",
     )
     parts = [part for vector in (analysis.position, analysis.attitude) for part in (vector.x, vector.y, vector.z)]
-    components = figure(
+    components = inline_figure(
         drawn["components"],
         f"{results.prefix}components",
         f"Densities of the six components: {'; '.join(_short(part) for part in parts)}",

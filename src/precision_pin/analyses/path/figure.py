@@ -14,14 +14,11 @@ from precision_pin.analyses.path.path_law import PathResult
 from precision_pin.analyses.path.table import band_lines, headline, maximum_rows, pose_rows, verdict_lines, where_line
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
-from precision_pin.render.chapter import Chapter
-from precision_pin.render.colour_scale import ColourScale, round_number
-from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.display_units import ColourScale, WrittenUnit, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY
-from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, new_figure, shortened, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
 from precision_pin.render.html import Html, escaped, items, paragraph, section, table
-from precision_pin.render.scene import Scene
-from precision_pin.render.svg import figure as inline_figure
+from precision_pin.render.scene import Chapter, Scene
 from precision_pin.render.tables import symbol
 from precision_pin.statistics.intervals import format_inside, format_interval
 

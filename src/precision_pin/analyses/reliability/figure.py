@@ -21,13 +21,13 @@ from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
     caption,
+    inline_figure,
     new_figure,
     set_height,
     shortened,
     style,
 )
 from precision_pin.render.html import Child, Html, items, paragraph, table
-from precision_pin.render.svg import figure as inline_figure
 from precision_pin.render.tables import absolute, percent, unit
 
 LISTED: Final = 6

@@ -19,13 +19,13 @@ from precision_pin.analyses.worst_case.worst_case import (
     WorstCaseResult,
     bound_milli,
 )
-from precision_pin.render import svg
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION, display_unit
 from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,
     LINE_HEIGHT,
     caption,
     end_figure,
+    inline_figure,
     new_figure,
     shortened,
     style,
@@ -42,7 +42,7 @@ def content(result: WorstCaseResult, results: Results) -> list[Child]:
     """Return the bounds of the first-order model, the largest exact error found, and their contributions."""
     pose = result.poses[0]
     norms = (pose.position, pose.attitude)
-    chart = svg.figure(
+    chart = inline_figure(
         figure(result, 0, {bound.quantity: _entries(bound, results, _BARS) for bound in norms}),
         f"{results.prefix}worst-case",
         f"How the draws add up to the worst case: {'; '.join(_described(bound, results) for bound in norms)}",

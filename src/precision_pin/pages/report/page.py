@@ -1,27 +1,244 @@
-"""The whole page."""
+"""The whole page of the report, and its sections beside the analyses: assumptions, 3-D view, parameters, reproduction."""
 
 from __future__ import annotations
 
 import importlib.resources
+import math
+import platform
+import re
+import shlex
 from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.collect import Missing, Results
 from precision_pin.analyses.monte_carlo.section import describe_verdict, distributions, specifications
+from precision_pin.analyses.monte_carlo.table import pose_text
 from precision_pin.analyses.registry import declarations
-from precision_pin.pages.report.sections import (
-    assumptions,
-    describe_run,
-    geometry,
-    left_out,
-    parameters,
-    reproduction,
-    scene,
-)
+from precision_pin.base.units import Quantity
+from precision_pin.base.versions import versions
+from precision_pin.pages import view
 from precision_pin.pages.report.summary import name_pose, picture, summary
 from precision_pin.pages.view import script_hashes
-from precision_pin.render.chapter import Chapter
-from precision_pin.render.html import Html, element, joined, paragraph, section
+from precision_pin.render.html import (
+    Child,
+    Html,
+    definitions,
+    element,
+    escaped,
+    items,
+    joined,
+    paragraph,
+    section,
+    table,
+)
+from precision_pin.render.scene import Chapter, Layer
+from precision_pin.render.tables import milli, plain, resting_on
+
+# folders of an absolute path; not the slash of a unit, of package:// or of a relative path
+_FOLDERS: Final = re.compile(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])")
+
+
+def subject(results: Results) -> str:
+    """Return robot, ends and pose."""
+    analysis = results.analysis
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
+    return f"{analysis.base} to {analysis.tip}, pose {pose}"
+
+
+def describe_run(poses: Sequence[Results]) -> str:
+    """Return a short description of the sampling."""
+    analysis = poses[0].analysis
+    named = f"pose '{analysis.pose_name}'" if analysis.pose_name else "joint values of the command line"
+    where = named if len(poses) == 1 else f"{len(poses)} poses"
+    sampled = f"{analysis.samples:,} sampled robots, seed {analysis.seed}, {analysis.model} model"
+    return f"{analysis.robot}, {where}, {sampled}"
+
+
+def without_folders(text: str, results: Results) -> str:
+    """Return a message with its files by name only."""
+    for folder in results.folders:
+        text = text.replace(f"{folder}/", "")
+    return _FOLDERS.sub("", text)
+
+
+def left_out(what: str, missing: Missing, results: Results) -> Html:
+    """Return why a section has no content."""
+    return paragraph(f"{what}: not available. {without_folders(missing.reason, results)}.", class_="note")
+
+
+_MODELS = {
+    "exact": "exact: the displaced chain is multiplied out for every sampled robot",
+    "linear": "linear: the displacements are superposed to first order, as in the paper",
+}
+_STATICS = {
+    "nominal": "nominal: loads act on the undeflected arm",
+    "equilibrium": "equilibrium: loads act on the arm as it comes to rest under them",
+}
+_RULE = (
+    "met when the lower end of the interval of the share inside reaches what is required, not met when the upper end does "
+    "not, undecided between"
+)
+_SCOPES = {"unit": "once for each built robot", "pose": "once for each robot and pose", "visit": "at each visit"}
+
+
+def assumptions(poses: Sequence[Results]) -> Html:
+    """Return poses, model, statics, scopes, confidence, the error at the means and all warnings."""
+    results = poses[0]
+    analysis = results.analysis
+    entries: list[tuple[str, Child]] = [
+        *(("Pose", subject(one)) for one in poses),
+        ("Model", _MODELS[analysis.model]),
+        ("Statics", _STATICS[analysis.statics]),
+        ("Axes", f"errors are position d and rotation vector δ of {analysis.tip}, in the axes of {analysis.base}"),
+        (
+            "Nominal",
+            "zero error is the chain of the URDF, rigid and without tolerances, at the joint values of the pose",
+        ),
+        *(("Error at the means", _at_means(one, len(poses) > 1)) for one in poses),
+        *(("Assumed", line) for line in resting_on(analysis.assumed, analysis.sources, analysis.origins)),
+        ("Random numbers", _scopes(results)),
+        *([("Verdict", _RULE)] if analysis.summary.specifications else []),
+        ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
+        ("Digits", "only those that the samples support; – is not resolved by this many samples"),
+    ]
+    entries += [("Correlation", pair) for group in analysis.correlations for pair in group.pairs]
+    return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(poses), folded=False)
+
+
+def _at_means(results: Results, is_named: bool) -> str:
+    nominal = [milli(value, 5) for value in results.analysis.nominal]
+    where = f"pose {results.analysis.pose_name}: " if is_named and results.analysis.pose_name else ""
+    return f"{where}with every parameter at its mean: d = ({', '.join(nominal[:3])}) mm, δ = ({', '.join(nominal[3:])}) mrad"
+
+
+def _scopes(results: Results) -> str:
+    drawn = [f"{count:,} {_SCOPES[scope]}" for scope, count in results.analysis.scopes.items() if count]
+    return ", ".join(drawn) if drawn else "none: nothing varies"
+
+
+def _warnings(poses: Sequence[Results]) -> Html:
+    lines = [(line, results) for results in poses for line in results.analysis.warnings]
+    for results in poses:
+        for name, result in results.found.items():
+            # what a section states itself is not repeated
+            if not isinstance(result, Missing) and not declarations()[name].has_warnings_in_table:
+                lines += [(line, results) for line in result.warnings]
+    shown = list(dict.fromkeys(without_folders(line, results) for line, results in lines))
+    heading = element("h3", "Warnings")
+    if not shown:
+        return joined([heading, paragraph("None of the sheet, the URDF, the pose or the statics.")])
+    return joined([heading, items(shown, "warnings")])
+
+
+def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
+    """Return the 3-D view of all poses in a frame that may only run its own scripts; it is not printed."""
+    first = poses[0]
+    analysis = first.analysis
+    count = first.cloud.shape[1]
+    inner = view.page(
+        [
+            view.ViewPose(results.at, results.cloud, results.analysis.pose_name or None, words=results.model.draw_words)
+            for results in poses
+        ],
+        title=f"{analysis.robot}: {analysis.base} to {analysis.tip}",
+        seed=analysis.seed,
+        model_name=analysis.model,
+        points=count,
+        package_dirs=first.package_dirs,
+        layers=layers,
+    )
+    label = f"3-D view of {analysis.robot}, {subject(first)}: the arm, its end-effector frame and {count:,} sampled positions"
+    note = paragraph(
+        f"The arm without error, and the end-effector positions of the first {count:,} sampled robots about it, "
+        "their errors drawn too large.",
+        class_="note",
+    )
+    return section("view", "3-D view", _frame(inner, label), note)
+
+
+def _frame(inner: str, label: str) -> Html:
+    # in quotes only these two characters are special; the page inside has done its own escaping
+    quoted = inner.replace("&", "&amp;").replace('"', "&quot;")
+    return Html(f'<iframe sandbox="allow-scripts" title="{escaped(label)}" srcdoc="{quoted}"></iframe>')
+
+
+_HEADER = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
+
+
+def geometry(poses: Sequence[Results]) -> Html:
+    """Return the table of MCPC parameters in the layout of the paper's Table 1."""
+    results, heading = poses[0], "MCPC parameters"
+    if isinstance(results.mcpc, Missing):
+        return section("mcpc", heading, left_out(heading, results.mcpc, results))
+    rows = []
+    for row in results.mcpc.table:
+        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
+        numbers = [(angle, math.degrees(1)) for angle in (row.turn, row.alpha, row.beta, row.gamma)]
+        numbers += [(length, 1e3) for length in (row.x, row.y, row.z)]
+        rows.append([str(row.link), joint, *("" if value is None else plain(unit * value) for value, unit in numbers)])
+    note = paragraph(
+        "The nominal chain in the modified complete and parametrically continuous model of Zhuang, Wang and Roth (1993), "
+        "laid out as Table 1 of Wei, Jia and Chen (2015).",
+        class_="note",
+    )
+    return section("mcpc", heading, table("MCPC parameters of the nominal chain", _HEADER, rows, words=(1,)), note)
+
+
+def parameters(poses: Sequence[Results]) -> Html:
+    """Return the table of draws, and the sources that draw nothing."""
+    model = poses[0].model
+    rows: list[list[Child]] = []
+    drawing: set[str] = set()
+    for draw, words, feeds in zip(model.space.draws, model.draw_words, model.owners, strict=True):
+        of = draw.known_quantities
+        names = " and ".join(sorted({_named(quantity) for quantity in of}))
+        rows.append([words, draw.law.describe(of), names, draw.scope.value, draw.name, ", ".join(feeds) or "none"])
+        drawing.update(feeds)
+    quiet = [label for label in model.labels if label not in drawing]
+    parts: list[Child] = []
+    if rows:
+        header = ["what varies", "law", "quantity", "drawn per", "name", "feeds"]
+        parts.append(table("Random numbers of the model", header, rows, words=(1, 2, 3, 4, 5)))
+    else:
+        parts.append(paragraph("Nothing is drawn at random."))
+    if quiet:
+        parts += [paragraph("Sources without their own random numbers:", class_="note"), items(quiet, "note")]
+    return section("parameters", "Parameters", *parts)
+
+
+def _named(quantity: Quantity | None) -> str:
+    if quantity is None:
+        return "not known"
+    return quantity.name if quantity.si else "number"
+
+
+_DRAWN_WITH = ("matplotlib", "meshcat")
+
+
+def reproduction(poses: Sequence[Results]) -> Html:
+    """Return command line, seed, versions, platform and the files' SHA-256."""
+    results = poses[0]
+    command = element("pre", element("code", shlex.join(results.command)), tabindex="0", aria_label="Command line")
+    known = versions(*_DRAWN_WITH)
+    entries: list[tuple[str, Child]] = [
+        ("Seed", str(results.analysis.seed)),
+        ("Samples", f"{results.analysis.samples:,}"),
+        ("Versions", ", ".join(f"{name} {version}" for name, version in known.items())),
+        ("Platform", f"{platform.system()} {platform.machine()}"),
+    ]
+    files = table(
+        "Files that were read",
+        ["file", "SHA-256"],
+        [[name, element("code", digest, class_="digest")] for name, digest in results.digests],
+        words=(1,),
+    )
+    note = "Files are named without their folders. The same files, command and versions give the same page."
+    return section(
+        "reproduce",
+        "How to reproduce this",
+        joined([command, definitions(entries), files, paragraph(note, class_="note")]),
+    )
+
 
 _LAST: Final = {
     "mcpc": ("MCPC", geometry),

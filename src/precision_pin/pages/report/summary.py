@@ -16,8 +16,8 @@ from precision_pin.base.arrays import Array
 from precision_pin.pages.view.drawing import Cloud, Picture, draw_picture
 from precision_pin.pages.view.headline import quantile, values_of
 from precision_pin.pages.view.scales import middle_of
+from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, element, items, joined, paragraph, section, table
-from precision_pin.render.svg import figure
 from precision_pin.render.tables import absolute, milli, share_in_words, symbol, unit
 from precision_pin.statistics import Distribution, SpecificationResult, clopper_pearson, format_share
 from precision_pin.statistics.intervals import format_inside
@@ -135,7 +135,7 @@ def picture(results: Results) -> Html:
     """Return the arm with its cloud."""
     drawn = _draw(results)
     tip = ", ".join(milli(value, 5) for value in results.at.posture.pose[:3, 3])
-    return figure(
+    return inline_figure(
         drawn.figure,
         f"{results.prefix}arm",
         f"The arm with {len(results.at.posture.q)} joints; the tip without error is at ({tip}) mm in the base; sampled "

@@ -11,9 +11,8 @@ import numpy as np
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.model.pose_model import Part
-from precision_pin.pages.view.raster import Triangles
 from precision_pin.pages.view.scales import arm_length
-from precision_pin.render.scene import Colour, Scene, rotation_to
+from precision_pin.render.scene import Colour, Scene, Triangles, rotation_to
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.mesh_surfaces import MeshReader, Surface, UnreadableMeshError, thinned
 from precision_pin.robot.urdf import Box, Cylinder, Link, Mesh, Shape, Sphere

@@ -25,15 +25,16 @@ from precision_pin.pages.view.poses import (
     PageData,
     PoseData,
     ViewPose,
+    choose_groups,
     columns,
     limits_attitude,
     mcpc_frames,
+    share_rows,
+    shown_names,
 )
-from precision_pin.pages.view.tolerances import choose_groups, share_rows, shown_names
-from precision_pin.render.chapter import Layer
-from precision_pin.render.colour_scale import ColourScale, round_number
+from precision_pin.render.display_units import ColourScale, round_number
 from precision_pin.render.html import escaped
-from precision_pin.render.scene import Colour, Scene, viewer_script
+from precision_pin.render.scene import Colour, Layer, Scene, viewer_script
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import QUANTITIES
