@@ -14,7 +14,6 @@ from precision_pin.base import units
 from precision_pin.base.units import Quantity
 from precision_pin.render.html import escaped
 
-_UNKNOWN: Final = "SI"
 # units from large to small: name, how many make one SI unit, smallest number written in it
 _LADDERS: Final = {
     units.LENGTH: (("mm", 1e3, 1e-2), ("µm", 1e6, 1e-2), ("nm", 1e9, 0.0)),
@@ -27,12 +26,7 @@ _LADDERS: Final = {
 }
 
 # for figures and scales: from large to small in thousandths
-_OF_AXES: Final = {
-    "position": ("m", "mm", "µm", "nm", "pm"),
-    "attitude": ("rad", "mrad", "µrad", "nrad", "prad"),
-}
-_LARGEST_IN_MILLI: Final = 10.0
-_SMALLEST_ON_AXIS: Final = 0.1
+_OF_AXES: Final = {"position": ("m", "mm", "µm", "nm", "pm"), "attitude": ("rad", "mrad", "µrad", "nrad", "prad")}
 
 
 @final
@@ -47,7 +41,7 @@ class WrittenUnit:
     def suiting(cls, quantity: Quantity | None, sizes: Iterable[float]) -> WrittenUnit:
         """Return the unit the quantity was written in, or else one in which the largest size (SI) reads well."""
         if quantity is None:
-            return cls(_UNKNOWN, 1.0)
+            return cls("SI", 1.0)
         if quantity.written not in ("", quantity.si):  # 1e-6 rad/(N*m) reads better as 1 µrad/(N·m)
             return cls(quantity.written.replace("*", "·"), 1 / quantity.units[quantity.written])
         largest = max((abs(size) for size in sizes), default=0.0)
@@ -63,9 +57,9 @@ class WrittenUnit:
         ladder = [cls(name, 1000.0**k) for k, name in enumerate(_OF_AXES[quantity.partition(".")[0]])]
         if size == 0:
             return ladder[1]
-        if size >= _LARGEST_IN_MILLI:
+        if size >= 10.0:
             return ladder[0]
-        return next((unit for unit in ladder[1:] if size * unit.per_si >= _SMALLEST_ON_AXIS), ladder[-1])
+        return next((unit for unit in ladder[1:] if size * unit.per_si >= 0.1), ladder[-1])
 
     def __call__(self, value: float) -> str:
         """Return a number with the unit."""
@@ -80,7 +74,6 @@ class WrittenUnit:
         return f"{value * self.per_si:.6g}"
 
 
-_SMALLEST_UNIT: Final = 1e-6
 _STOPS: Final = 17
 
 
@@ -123,7 +116,7 @@ class ColourScale:
     @property
     def unit(self) -> WrittenUnit:
         """The unit of the labels, at least µm."""
-        return WrittenUnit.of_axis("position", max(self.largest, _SMALLEST_UNIT))
+        return WrittenUnit.of_axis("position", max(self.largest, 1e-6))
 
     @property
     def ticks(self) -> tuple[str, ...]:

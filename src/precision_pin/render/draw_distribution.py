@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,21 +22,11 @@ GREEN: Final = "#009E73"
 PURPLE: Final = "#CC79A7"
 BLACK: Final = "#000000"
 
-_QUANTILE_LINES: Final = ((BLUE, (0, (4, 1.5))), (PURPLE, (0, (1.2, 1.2))))
 LIMIT_COLOURS: Final[dict[Verdict, str]] = {"met": GREEN, "not met": VERMILION}
 """By verdict; other verdicts are black."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
-_MARKED_OF_NORM: Final = (0.95, 0.9973)
-_MARKED_OF_COMPONENT: Final = (0.05, 0.95)
-# below this ratio of span to size, values are drawn as differences from a round number
-_SMALLEST_RATIO: Final = 2e-3
 # a limit farther from the data than this multiple of their span is named, not drawn
 _FARTHEST_LIMIT: Final = 1.0
-_MOST_TICKS: Final = 4
-# a component that spans less than this fraction of the widest one gets its own scale
-_NARROWEST: Final = 0.05
-# below this span in its unit, an axis takes a smaller unit: its labels would need four decimals
-_SMALLEST_SPAN: Final = 0.02
 
 
 def display_unit(*distributions: Distribution) -> WrittenUnit:
@@ -53,7 +43,7 @@ class _Ruler:
     origin: float
     label: str
 
-    def __call__(self, value: float) -> float:
+    def __call__(self, value: Any) -> Any:
         return (value - self.origin) * self.unit.per_si
 
 
@@ -63,8 +53,8 @@ def _ruler(distribution: Distribution, unit: WrittenUnit) -> _Ruler:
     shown = symbol(distribution.quantity)
     span = distribution.max - distribution.min
     size = max(abs(distribution.min), abs(distribution.max))
-    if span == 0 or span > _SMALLEST_RATIO * size:
-        if 0 < span * unit.per_si < _SMALLEST_SPAN:
+    if span == 0 or span > 2e-3 * size:
+        if 0 < span * unit.per_si < 0.02:  # its labels would need four decimals
             unit = WrittenUnit.of_axis(distribution.quantity, span)
         return _Ruler(unit, unit, 0.0, f"{shown} [{unit.name}]")
     place = math.floor(math.log10(span * unit.per_si))
@@ -83,8 +73,7 @@ def draw_histogram(
     ruler = _ruler(distribution, unit)
     if bars is not None:
         density = bars.density / ruler.unit.per_si
-        edges = (bars.edges - ruler.origin) * ruler.unit.per_si
-        axes.stairs(density, edges, fill=True, color=SKY, alpha=0.55, linewidth=0)
+        axes.stairs(density, ruler(bars.edges), fill=True, color=SKY, alpha=0.55, linewidth=0)
         for result in specifications:
             if result.quantity == distribution.quantity:
                 _draw_tails(axes, bars, distribution, ruler, result.limit)
@@ -106,9 +95,8 @@ def _draw_tails(axes: Axes, bars: Histogram, distribution: Distribution, ruler: 
         beyond = np.diff(edges) > 0
         if beyond.any():
             first, last = np.flatnonzero(beyond)[[0, -1]]
-            shown = (edges[first : last + 2] - ruler.origin) * ruler.unit.per_si
             density = bars.density[first : last + 1] / ruler.unit.per_si
-            axes.stairs(density, shown, fill=True, color=VERMILION, linewidth=0)
+            axes.stairs(density, ruler(edges[first : last + 2]), fill=True, color=VERMILION, linewidth=0)
 
 
 def draw_cumulative(
@@ -119,12 +107,7 @@ def draw_cumulative(
     low, high = _range(distribution, ruler)
     reach = (1 + _FARTHEST_LIMIT) * (high - low)  # level to the axis's ends, wherever a limit puts them
     values = np.union1d(np.linspace(low, high, 600), [low - reach, distribution.min, distribution.max, high + reach])
-    axes.plot(
-        (values - ruler.origin) * ruler.unit.per_si,
-        distribution.cumulative(values),
-        color=BLUE,
-        drawstyle="steps-post",
-    )
+    axes.plot(ruler(values), distribution.cumulative(values), color=BLUE, drawstyle="steps-post")
     axes.set_ylim(0, 1.03)
     axes.set_ylabel("cumulative probability")
     _mark(axes, distribution, ruler, specifications)
@@ -135,7 +118,7 @@ def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], uni
     rulers = [_ruler(one, unit) for one in distributions]
     spans = [one.max - one.min for one in distributions]
     alike = [
-        ruler.unit == unit and ruler.origin == 0 and _NARROWEST * max(spans) <= span
+        ruler.unit == unit and ruler.origin == 0 and 0.05 * max(spans) <= span
         for ruler, span in zip(rulers, spans, strict=True)
     ]
     limits = [one.get_xlim() for one, is_alike in zip(axes, alike, strict=True) if is_alike]
@@ -145,18 +128,13 @@ def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], uni
     return alike if sum(alike) > 1 else [False] * len(alike)
 
 
-def _mark(
-    axes: Axes,
-    distribution: Distribution,
-    ruler: _Ruler,
-    specifications: Sequence[SpecificationResult],
-) -> None:
+def _mark(axes: Axes, distribution: Distribution, ruler: _Ruler, specifications: Sequence[SpecificationResult]) -> None:
     mean = _text(distribution.mean, distribution.mean_interval(), ruler.text_unit)
     axes.axvline(ruler(distribution.mean), color=BLACK, linestyle="-", label=f"mean: {mean}")
-    marked = _MARKED_OF_NORM if distribution.is_norm else _MARKED_OF_COMPONENT
-    for p, (colour, dashes) in zip(marked, _QUANTILE_LINES, strict=True):
+    first, second = (0.95, 0.9973) if distribution.is_norm else (0.05, 0.95)
+    for p, colour, dashes in ((first, BLUE, (0, (4, 1.5))), (second, PURPLE, (0, (1.2, 1.2)))):
         value, interval = distribution.quantile(p), distribution.quantile_interval(p)
-        label = f"{100 * p:g} % quantile: {_text(value, distribution.quantile_interval(p), ruler.text_unit)}"
+        label = f"{100 * p:g} % quantile: {_text(value, interval, ruler.text_unit)}"
         if value is None or interval is None:
             axes.plot([], [], color=colour, linestyle=dashes, label=label)
             continue
@@ -205,7 +183,7 @@ def _range(distribution: Distribution, ruler: _Ruler) -> tuple[float, float]:
 
 def ticks() -> MaxNLocator:
     """Return the tick locator of a small panel."""
-    return MaxNLocator(nbins=_MOST_TICKS, steps=[1, 2, 5, 10], min_n_ticks=2)
+    return MaxNLocator(nbins=4, steps=[1, 2, 5, 10], min_n_ticks=2)
 
 
 def _text(value: float | None, interval: tuple[float, float] | None, unit: WrittenUnit) -> str:

@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from types import FunctionType
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -35,9 +35,6 @@ LINE_HEIGHT: Final = 3.6
 """Height of a text line, mm."""
 
 _MILLIMETRES_PER_INCH: Final = 25.4
-_CHARACTERS_PER_MILLIMETRE: Final = 0.62
-_CAPTION_CHARACTERS: Final = 105
-_NOTEBOOK_DPI: Final = 144
 _STYLE: Final[Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
@@ -85,7 +82,7 @@ class _ShownFigure(Figure):
     def _repr_png_(self) -> bytes:
         stream = io.BytesIO()
         with style():
-            self.savefig(stream, format="png", dpi=_NOTEBOOK_DPI, metadata={"Software": None})
+            self.savefig(stream, format="png", dpi=144, metadata={"Software": None})
         return stream.getvalue()
 
 
@@ -112,28 +109,14 @@ def set_height(figure: Figure, height: float) -> None:
 def wrapped(text: str, figure: Figure) -> list[str]:
     """Return a text wrapped to the width of a figure."""
     width = figure.get_size_inches()[0] * _MILLIMETRES_PER_INCH
-    return textwrap.wrap(text, int(width * _CHARACTERS_PER_MILLIMETRE))
+    return textwrap.wrap(text, int(width * 0.62))
 
 
-class _Arm(Protocol):
-    @property
-    def robot(self) -> str: ...
-    @property
-    def base(self) -> str: ...
-    @property
-    def tip(self) -> str: ...
-
-
-class _Pose(Protocol):
-    @property
-    def name(self) -> str: ...
-
-
-def caption(what: str, provenance: _Arm, pose: _Pose) -> list[str]:
-    """Return the caption lines of a 174 mm figure: content, arm and pose."""
+def caption(what: str, provenance: Any, pose: Any) -> list[str]:
+    """Return the caption lines of a 174 mm figure: content, arm (its robot, base and tip) and pose (its name)."""
     named = f" at pose {visible(pose.name)}" if pose.name else ""
     arm = f"{visible(provenance.robot)}, {visible(provenance.base)} to {visible(provenance.tip)}"
-    return textwrap.wrap(f"{what} of {arm}{named}", _CAPTION_CHARACTERS)
+    return textwrap.wrap(f"{what} of {arm}{named}", 105)
 
 
 def labelled(panels: Iterable[Axes]) -> dict[str, Any]:
@@ -194,8 +177,6 @@ _COLOUR: Final = re.compile(r"#[0-9a-fA-F]{6}\b")
 _REFERENCE: Final = re.compile(r"url\(#([^)]*)\)")
 _IMAGE: Final = "data:image/png;base64,"
 _MOST_DECIMALS: Final = re.compile(r"(\d+\.\d{2})\d+")
-_POINTS_TO_PIXELS: Final = 96 / 72
-_ENLARGED: Final = 1.45
 
 
 def inline_figure(drawn: Figure, name: str, label: str, caption: Child, class_: str = "") -> Html:
@@ -206,19 +187,13 @@ def inline_figure(drawn: Figure, name: str, label: str, caption: Child, class_: 
         label: What it shows, in numbers, for readers who cannot see it.
         class_: Class for the page's style.
     """
-    svg = element(
-        "div", _inline(drawn, name, label), class_="drawing", role="region", tabindex="0", aria_label=f"figure {name}"
-    )
-    return element("figure", svg, element("figcaption", caption), class_=class_, id=f"figure-{name}")
-
-
-def _inline(drawn: Figure, name: str, label: str) -> Html:
     root = ElementTree.fromstring(_svg(drawn))
     for parent in list(root.iter()):
         # the metadata, and a style that would reach beyond this figure
         for child in [child for child in parent if _local(child.tag) in ("metadata", "style")]:
             parent.remove(child)
-    used = {found for node in root.iter() for value in node.attrib.values() for found in _references(value)}
+    values = (value for node in root.iter() for value in node.attrib.values())
+    used = {found for value in values for found in re.findall(r"(?:^|url\()#([^)]*)", value)}
     for node in root.iter():
         node.tag = _local(node.tag)
         node.attrib = {
@@ -227,12 +202,13 @@ def _inline(drawn: Figure, name: str, label: str) -> Html:
             if (key != "id" or value in used) and (key != "style" or node.tag != "image")
         }
         node.text = node.tail = None
-    _, _, width, _ = (float(number) for number in root.attrib["viewBox"].split())
     view_box = root.attrib["viewBox"]
-    pixels = round(width * _POINTS_TO_PIXELS * _ENLARGED)
-    root.attrib = {"viewBox": view_box, "role": "img", "style": f"max-width: {pixels}px"}
-    root.set("aria-label", label)
-    return Html(ElementTree.tostring(root, encoding="unicode"))
+    # from points to CSS pixels, enlarged
+    pixels = round(float(view_box.split()[2]) * (96 / 72) * 1.45)
+    root.attrib = {"viewBox": view_box, "role": "img", "style": f"max-width: {pixels}px", "aria-label": label}
+    svg = Html(ElementTree.tostring(root, encoding="unicode"))
+    region = element("div", svg, class_="drawing", role="region", tabindex="0", aria_label=f"figure {name}")
+    return element("figure", region, element("figcaption", caption), class_=class_, id=f"figure-{name}")
 
 
 def _svg(drawn: Figure) -> bytes:
@@ -249,10 +225,6 @@ def _local(name: str) -> str:
     return name.rpartition("}")[2]
 
 
-def _references(value: str) -> list[str]:
-    return [value[1:]] if value.startswith("#") else _REFERENCE.findall(value)
-
-
 def _rewritten(key: str, value: str, name: str) -> str:
     match key:
         case "id":
@@ -261,9 +233,9 @@ def _rewritten(key: str, value: str, name: str) -> str:
             return "".join(value.split())
         case "href":
             return f"#{name}-{value.removeprefix('#')}"
-        case "d" | "transform" | "x" | "y" | "points":
+        case "d" | "x" | "y" | "points":
             # a hundredth of a point; outlines of letters are drawn in units of their own, far smaller
-            return _MOST_DECIMALS.sub(r"\1", " ".join(value.split())) if key != "transform" else value
+            return _MOST_DECIMALS.sub(r"\1", " ".join(value.split()))
         case _:
             coloured = _COLOUR.sub(lambda found: COLOURS.get(found[0].lower(), found[0]), value)
             return _REFERENCE.sub(lambda found: f"url(#{name}-{found[1]})", coloured)

@@ -58,9 +58,8 @@ def rendered(title: str, tables: Sequence[Table], notes: Sequence[str] = ()) -> 
     parts = [f"<p><strong>{escaped(title)}</strong></p>"]
     for table in tables:
         parts += [f"<p>{escaped(table.heading)}</p>"] if table.heading else []
-        parts.append('<div style="overflow-x: auto"><table>')
-        parts.append(f"<thead>{_row(table.columns, table.words, 'th')}</thead>")
-        parts.append("<tbody>")
+        head = _row(table.columns, table.words, "th")
+        parts += ['<div style="overflow-x: auto"><table>', f"<thead>{head}</thead>", "<tbody>"]
         parts += [_row([shortened(cell) for cell in row], table.words, "td") for row in table.rows[:MOST_ROWS]]
         parts.append("</tbody></table></div>")
         if len(table.rows) > MOST_ROWS:
@@ -73,13 +72,6 @@ def _row(cells: Sequence[str], words: int, tag: str) -> str:
     styles = (_LEFT if column < words else _RIGHT for column in range(len(cells)))
     inside = (f"<{tag}{style}>{escaped(cell)}</{tag}>" for style, cell in zip(styles, cells, strict=True))
     return f"<tr>{''.join(inside)}</tr>"
-
-
-_VOID: Final = ("meta",)
-_LONGEST: Final = 44
-_SHORT: Final = 20
-_NARROW: Final = 3
-_SENTENCE: Final = 28
 
 
 @final
@@ -101,9 +93,8 @@ def element(name: str, *children: Child, **attributes: str) -> Html:
         for key, value in attributes.items()
         if value or key != "class_"
     )
-    if name in _VOID:
-        return Html(f"<{name}{written}>")
-    return Html(f"<{name}{written}>{joined(children).text}</{name}>")
+    end = "" if name == "meta" else f"{joined(children).text}</{name}>"
+    return Html(f"<{name}{written}>{end}")
 
 
 def joined(children: Iterable[Child]) -> Html:
@@ -155,34 +146,20 @@ def table(
         words: Text columns besides the first, aligned left.
         last: Whether the last row is a sum.
     """
-    left = {0, *words}
-    lines = list(rows)
-    head = element(
-        "tr", *(element("th", name, scope="col", class_="" if k in left else "n") for k, name in enumerate(header))
+    left, lines = {0, *words}, list(rows)
+    head = [element("th", name, scope="col", class_="" if k in left else "n") for k, name in enumerate(header)]
+    body = []
+    for row in lines:
+        # of headings only very long ones may break anywhere; sentences need some width
+        is_long = isinstance(row[0], str) and len(row[0]) > 44
+        cells = [element("th", element("span", row[0], class_="long") if is_long else row[0], scope="row")]
+        for k, cell in enumerate(row[1:], start=1):
+            kind = "sentence" if isinstance(cell, str) and len(cell) > 28 else ""
+            cells.append(element("td", cell, class_=kind if k in left else "n", data_label=header[k]))
+        body.append(element("tr", *cells, class_="sum" if last and row is lines[-1] else ""))
+    whole = element(
+        "table", element("caption", caption), element("thead", element("tr", *head)), element("tbody", *body)
     )
-    body = [
-        element(
-            "tr",
-            element("th", _unbroken(row[0]), scope="row"),
-            *(
-                element("td", cell, class_=_kind(cell) if k in left else "n", data_label=header[k])
-                for k, cell in enumerate(row[1:], start=1)
-            ),
-            class_="sum" if last and row is lines[-1] else "",
-        )
-        for row in lines
-    ]
-    whole = element("table", element("caption", caption), element("thead", head), element("tbody", *body))
-    size = "wide short" if len(lines) <= _SHORT else "wide"
-    size += " few" if len(header) <= _NARROW else ""
+    size = "wide short" if len(lines) <= 20 else "wide"
+    size += " few" if len(header) <= 3 else ""
     return element("div", whole, class_=size, role="region", tabindex="0", aria_label=caption)
-
-
-def _unbroken(heading: Child) -> Child:
-    """Return a row's heading; only very long ones may break anywhere."""
-    return element("span", heading, class_="long") if isinstance(heading, str) and len(heading) > _LONGEST else heading
-
-
-def _kind(cell: Child) -> str:
-    """Return the CSS class of a text cell: sentences need some width."""
-    return "sentence" if isinstance(cell, str) and len(cell) > _SENTENCE else ""

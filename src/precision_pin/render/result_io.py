@@ -54,7 +54,8 @@ class JsonResult:
         except UnreadableFileError as error:
             raise InputError(f"cannot read {name}: it {error.reason}") from None
         try:
-            data = json.loads(text, parse_constant=_refuse_constant)
+            # JSON knows no NaN and no Infinity, and neither does int
+            data = json.loads(text, parse_constant=int)
         except (ValueError, RecursionError):
             raise InputError(f"{name} is no JSON, so no result was saved there") from None
         found = data.get("schema") if isinstance(data, dict) else None
@@ -101,7 +102,7 @@ class SavedResult(JsonResult):
         return dataset(self.to_pandas())
 
     def __repr__(self) -> str:
-        return f"<SavedResult {self._get('schema')}: {self._get('robot')!r}, seed {self._get('seed')}>"
+        return f"<SavedResult {self.data.get('schema')}: {self.data.get('robot')!r}, seed {self.data.get('seed')}>"
 
     def _repr_html_(self) -> str:
         """Return the notebook view: the kind of result and its warnings."""
@@ -111,10 +112,7 @@ class SavedResult(JsonResult):
             if isinstance(value, str | int | float) or value is None
         ]
         table = Table(("", ""), rows, words=2)
-        return rendered(f"Saved result, {self._get('schema')}", [table], list(map(str, self.warnings)))
-
-    def _get(self, key: str) -> Any:
-        return self.data.get(key)
+        return rendered(f"Saved result, {self.data.get('schema')}", [table], list(map(str, self.warnings)))
 
 
 def _pose_name(entry: Any) -> Any:
@@ -130,7 +128,3 @@ def _numbers(value: Any, keys: str = "") -> Iterator[tuple[str, float]]:
             yield from _numbers(entry, f"{keys}.{key}" if keys else str(key))
     elif value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
         yield keys, math.nan if value is None else float(value)
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(text)

@@ -125,9 +125,8 @@ class _Window:
         """Return a command with random identifiers replaced by numbers in order of appearance."""
         match value:
             case dict():
-                known = [value["uuid"]] if "uuid" in value else []
-                for identifier in known:
-                    self._identifiers.setdefault(identifier, f"{len(self._identifiers):032x}")
+                if "uuid" in value:
+                    self._identifiers.setdefault(value["uuid"], f"{len(self._identifiers):032x}")
                 return {key: self._counted(entry) for key, entry in value.items()}
             case list():
                 return [self._counted(entry) for entry in value]
@@ -147,8 +146,7 @@ def _meshcat(name: str) -> Any:
 
 
 def _number(colour: Colour) -> int:
-    red, green, blue = (round(255 * part) for part in colour[:3])
-    return (red << 16) + (green << 8) + blue
+    return int.from_bytes(bytes(round(255 * part) for part in colour[:3]))
 
 
 class Layer(Protocol):
@@ -221,12 +219,12 @@ class Triangles:
 
     def box(self, path: Sequence[str], size: Sequence[float], colour: Colour, pose: ArrayLike) -> None:
         """Add a box with edges ``size`` (m), centred at ``pose``."""
-        self._add(path, _CORNERS * np.asarray(size, dtype=float), _FACES, colour, pose)
+        self.surface(path, _CORNERS * np.asarray(size, dtype=float), _FACES, colour, pose)
 
     def cylinder(self, path: Sequence[str], radius: float, length: float, colour: Colour, pose: ArrayLike) -> None:
         """Add a cylinder along z (m), centred at ``pose``."""
         profile = np.array([[0.0, -0.5], [1.0, -0.5], [1.0, 0.5], [0.0, 0.5]]) * (radius, length)
-        self._add(path, *_turned(profile), colour, pose)
+        self.surface(path, *_turned(profile), colour, pose)
 
     def rod(self, path: Sequence[str], start: ArrayLike, end: ArrayLike, radius: float, colour: Colour) -> None:
         """Add a cylinder between two points ``(3,)`` that do not coincide."""
@@ -242,19 +240,16 @@ class Triangles:
     def sphere(self, path: Sequence[str], radius: float, colour: Colour, pose: ArrayLike) -> None:
         """Add a sphere (m) centred at ``pose``."""
         angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS + 1)
-        self._add(path, *_turned(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)), colour, pose)
+        self.surface(path, *_turned(radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)), colour, pose)
 
     def surface(
         self, path: Sequence[str], vertices: ArrayLike, faces: ArrayLike, colour: Colour, pose: ArrayLike
     ) -> None:
         """Add triangles: corners ``(V, 3)`` in m and their indices ``(F, 3)``."""
-        self._add(path, np.asarray(vertices, dtype=float), np.asarray(faces), colour, pose)
-
-    def _add(self, path: Sequence[str], vertices: Array, faces: ArrayLike, colour: Colour, pose: ArrayLike) -> None:
         whole = np.asarray(pose, dtype=float)
         for end in range(len(path) - 1, 0, -1):
             whole = self._poses.get(tuple(path[:end]), np.eye(4)) @ whole
-        moved = vertices @ whole[:3, :3].T + whole[:3, 3]
+        moved = np.asarray(vertices, dtype=float) @ whole[:3, :3].T + whole[:3, 3]
         corners = moved[np.asarray(faces, dtype=np.int64)]
         self._corners.append(corners)
         self._colours.append(np.broadcast_to(np.asarray(colour[:3], dtype=float), (len(corners), 3)))

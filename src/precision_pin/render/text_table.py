@@ -10,9 +10,6 @@ from typing import Final
 from precision_pin.base.errors import visible
 
 _GAP: Final = re.compile(r"\S {2,}\S")
-_LEAST_NAME: Final = 24
-"""Least columns to which names are folded."""
-_MOST_NAME_LINES: Final = 2
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
@@ -55,7 +52,9 @@ def folded(rows: list[str], columns: int) -> list[str]:
     lines: list[str] = []
     for is_row, group in groupby(cells, lambda one: _keeps(one, spans)):
         same = list(group)
-        lines += _fit([[_text(one[i:j]) for i, j in spans] for one in same], columns) if is_row else map(_text, same)
+        lines += (
+            _fit([["".join(one[i:j]) for i, j in spans] for one in same], columns) if is_row else map("".join, same)
+        )
     return lines
 
 
@@ -69,10 +68,6 @@ def _cells(line: str) -> list[str]:
         else:
             cells += [character, *[""] * (columns - 1)]
     return cells
-
-
-def _text(cells: list[str]) -> str:
-    return "".join(cells)
 
 
 def _spans(rows: list[list[str]]) -> list[tuple[int, int]]:
@@ -100,7 +95,8 @@ def _fit(table: list[list[str]], columns: int) -> list[str]:
     beside = sum(size + 2 for size in sizes[1:])
     parts = [_name_lines(row[0].rstrip(), columns - beside) for row in table]
     names = max(width(line) for lines in parts for line in lines)
-    if _LEAST_NAME <= columns - beside >= names and max(map(len, parts)) <= _MOST_NAME_LINES:
+    # names are folded to no less than 24 columns, and to two lines
+    if 24 <= columns - beside >= names and max(map(len, parts)) <= 2:
         return [
             "  ".join([name + " " * (names - width(name)), *(row[1:] if k == 0 else [])]).rstrip()
             for row, lines in zip(table, parts, strict=True)

@@ -7,7 +7,7 @@ import math
 import platform
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from precision_pin.analyses.collect import Missing, Results
@@ -18,7 +18,6 @@ from precision_pin.base.units import Quantity
 from precision_pin.base.versions import versions
 from precision_pin.pages import view
 from precision_pin.pages.report.summary import name_pose, picture, summary
-from precision_pin.pages.view import script_hashes
 from precision_pin.render.html import (
     Child,
     Html,
@@ -85,7 +84,14 @@ def assumptions(poses: Sequence[Results]) -> Html:
     """Return poses, model, statics, scopes, confidence, the error at the means and all warnings."""
     results = poses[0]
     analysis = results.analysis
-    entries: list[tuple[str, Child]] = [
+    drawn = [f"{count:,} {_SCOPES[scope]}" for scope, count in analysis.scopes.items() if count]
+    at_means = []
+    for one in poses:
+        nominal = [milli(value, 5) for value in one.analysis.nominal]
+        where = f"pose {one.analysis.pose_name}: " if len(poses) > 1 and one.analysis.pose_name else ""
+        vectors = f"d = ({', '.join(nominal[:3])}) mm, δ = ({', '.join(nominal[3:])}) mrad"
+        at_means.append(f"{where}with every parameter at its mean: {vectors}")
+    entries = [
         *(("Pose", subject(one)) for one in poses),
         ("Model", _MODELS[analysis.model]),
         ("Statics", _STATICS[analysis.statics]),
@@ -94,26 +100,15 @@ def assumptions(poses: Sequence[Results]) -> Html:
             "Nominal",
             "zero error is the chain of the URDF, rigid and without tolerances, at the joint values of the pose",
         ),
-        *(("Error at the means", _at_means(one, len(poses) > 1)) for one in poses),
+        *(("Error at the means", text) for text in at_means),
         *(("Assumed", line) for line in resting_on(analysis.assumed, analysis.sources, analysis.origins)),
-        ("Random numbers", _scopes(results)),
+        ("Random numbers", ", ".join(drawn) or "none: nothing varies"),
         *([("Verdict", _RULE)] if analysis.summary.specifications else []),
         ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
         ("Digits", "only those that the samples support; – is not resolved by this many samples"),
     ]
     entries += [("Correlation", pair) for group in analysis.correlations for pair in group.pairs]
     return section("assumptions", "Assumptions and warnings", definitions(entries), _warnings(poses), folded=False)
-
-
-def _at_means(results: Results, is_named: bool) -> str:
-    nominal = [milli(value, 5) for value in results.analysis.nominal]
-    where = f"pose {results.analysis.pose_name}: " if is_named and results.analysis.pose_name else ""
-    return f"{where}with every parameter at its mean: d = ({', '.join(nominal[:3])}) mm, δ = ({', '.join(nominal[3:])}) mrad"
-
-
-def _scopes(results: Results) -> str:
-    drawn = [f"{count:,} {_SCOPES[scope]}" for scope, count in results.analysis.scopes.items() if count]
-    return ", ".join(drawn) if drawn else "none: nothing varies"
 
 
 def _warnings(poses: Sequence[Results]) -> Html:
@@ -124,10 +119,8 @@ def _warnings(poses: Sequence[Results]) -> Html:
             if not isinstance(result, Missing) and not declarations()[name].has_warnings_in_table:
                 lines += [(line, results) for line in result.warnings]
     shown = list(dict.fromkeys(without_folders(line, results) for line, results in lines))
-    heading = element("h3", "Warnings")
-    if not shown:
-        return joined([heading, paragraph("None of the sheet, the URDF, the pose or the statics.")])
-    return joined([heading, items(shown, "warnings")])
+    none = paragraph("None of the sheet, the URDF, the pose or the statics.")
+    return joined([element("h3", "Warnings"), items(shown, "warnings") if shown else none])
 
 
 def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
@@ -153,13 +146,10 @@ def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
         "their errors drawn too large.",
         class_="note",
     )
-    return section("view", "3-D view", _frame(inner, label), note)
-
-
-def _frame(inner: str, label: str) -> Html:
     # in quotes only these two characters are special; the page inside has done its own escaping
     quoted = inner.replace("&", "&amp;").replace('"', "&quot;")
-    return Html(f'<iframe sandbox="allow-scripts" title="{escaped(label)}" srcdoc="{quoted}"></iframe>')
+    frame = Html(f'<iframe sandbox="allow-scripts" title="{escaped(label)}" srcdoc="{quoted}"></iframe>')
+    return section("view", "3-D view", frame, note)
 
 
 _HEADER = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
@@ -195,12 +185,9 @@ def parameters(poses: Sequence[Results]) -> Html:
         rows.append([words, draw.law.describe(of), names, draw.scope.value, draw.name, ", ".join(feeds) or "none"])
         drawing.update(feeds)
     quiet = [label for label in model.labels if label not in drawing]
-    parts: list[Child] = []
-    if rows:
-        header = ["what varies", "law", "quantity", "drawn per", "name", "feeds"]
-        parts.append(table("Random numbers of the model", header, rows, words=(1, 2, 3, 4, 5)))
-    else:
-        parts.append(paragraph("Nothing is drawn at random."))
+    header = ["what varies", "law", "quantity", "drawn per", "name", "feeds"]
+    drawn = table("Random numbers of the model", header, rows, words=(1, 2, 3, 4, 5))
+    parts = [drawn if rows else paragraph("Nothing is drawn at random.")]
     if quiet:
         parts += [paragraph("Sources without their own random numbers:", class_="note"), items(quiet, "note")]
     return section("parameters", "Parameters", *parts)
@@ -212,44 +199,30 @@ def _named(quantity: Quantity | None) -> str:
     return quantity.name if quantity.si else "number"
 
 
-_DRAWN_WITH = ("matplotlib", "meshcat")
-
-
 def reproduction(poses: Sequence[Results]) -> Html:
     """Return command line, seed, versions, platform and the files' SHA-256."""
     results = poses[0]
-    command = element("pre", element("code", shlex.join(results.command)), tabindex="0", aria_label="Command line")
-    known = versions(*_DRAWN_WITH)
-    entries: list[tuple[str, Child]] = [
-        ("Seed", str(results.analysis.seed)),
-        ("Samples", f"{results.analysis.samples:,}"),
-        ("Versions", ", ".join(f"{name} {version}" for name, version in known.items())),
-        ("Platform", f"{platform.system()} {platform.machine()}"),
-    ]
-    files = table(
-        "Files that were read",
-        ["file", "SHA-256"],
-        [[name, element("code", digest, class_="digest")] for name, digest in results.digests],
-        words=(1,),
-    )
     note = "Files are named without their folders. The same files, command and versions give the same page."
     return section(
         "reproduce",
         "How to reproduce this",
-        joined([command, definitions(entries), files, paragraph(note, class_="note")]),
+        element("pre", element("code", shlex.join(results.command)), tabindex="0", aria_label="Command line"),
+        definitions(
+            [
+                ("Seed", str(results.analysis.seed)),
+                ("Samples", f"{results.analysis.samples:,}"),
+                ("Versions", ", ".join(f"{name} {one}" for name, one in versions("matplotlib", "meshcat").items())),
+                ("Platform", f"{platform.system()} {platform.machine()}"),
+            ]
+        ),
+        table(
+            "Files that were read",
+            ["file", "SHA-256"],
+            [[name, element("code", digest, class_="digest")] for name, digest in results.digests],
+            words=(1,),
+        ),
+        paragraph(note, class_="note"),
     )
-
-
-_LAST: Final = {
-    "mcpc": ("MCPC", geometry),
-    "parameters": ("Parameters", parameters),
-    "reproduce": ("Reproduce", reproduction),
-}
-"""Sections after those of the poses: title in the list of contents, and function."""
-_WITHOUT_SCRIPTS: Final = Html("<noscript><style>.fold:has(> #view) { display: none; }</style></noscript>")
-_NOT_PRINTED: Final = (
-    "Folded sections are not printed: open them first, or write the page with precision-pin report --full."
-)
 
 
 def page(
@@ -274,83 +247,70 @@ def page(
     worst = poses[0]
     analysis = worst.analysis
     title = f"Pose error of {worst.model.chain.robot.name}, {analysis.base} to {analysis.tip}"
+    policy = (
+        f"default-src 'none'; script-src {' '.join(view.script_hashes())}; style-src 'unsafe-inline'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    style = importlib.resources.files(__package__).joinpath("style.css").read_text("utf-8")
     head = joined(
         [
             Html('<meta charset="utf-8">\n'),
-            element("meta", http_equiv="Content-Security-Policy", content=_policy()),
+            element("meta", http_equiv="Content-Security-Policy", content=policy),
             Html('\n<meta name="viewport" content="width=device-width, initial-scale=1">\n'),
             Html('<meta name="color-scheme" content="light dark">\n'),
             element("title", title),
-            Html(f"\n<style>\n{_style()}</style>\n"),
-            _WITHOUT_SCRIPTS,
+            Html(f"\n<style>\n{style}</style>\n"),
+            Html("<noscript><style>.fold:has(> #view) { display: none; }</style></noscript>"),
         ]
     )
-    details = [
-        *_details(worst),
-        *(_other_pose(other) for other in poses[1:]),
-        *(chapter.section for chapter in chapters),
-    ]
-    last = [make(poses) for _, make in _LAST.values()]
+    titles = {"verdict": "Result", "assumptions": "Assumptions", "distributions": "Distributions"}
+    titles |= {name: declarations()[name].title for name in worst.found}
+    details = _details(worst)
+    for other in poses[1:]:
+        asked, name = other.analysis.summary.specifications, f"{other.prefix}pose"
+        titles[name] = f"Pose {name_pose(other)}"
+        heading = f"{titles[name]}: {describe_verdict(asked)}" if asked else titles[name]
+        details.append(section(name, heading, picture(other), specifications(other), *_details(other)))
+    details += [chapter.section for chapter in chapters]
+    titles |= {chapter.name: chapter.title for chapter in chapters}
+    titles |= {"view": "3-D view", "mcpc": "MCPC", "parameters": "Parameters", "reproduce": "Reproduce"}
+    last = [geometry(poses), parameters(poses), reproduction(poses)]
     if full:
         details, last = _opened(details), _opened(last)
-    sections = [
+    links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
+    main = element(
+        "main",
         summary(poses, [line for chapter in chapters for line in chapter.answers], missed),
-        _contents(poses, chapters),
+        element("nav", element("ul", *links), aria_label="Contents"),
         assumptions(poses),
         *details,
         scene(poses, [chapter.layer for chapter in chapters if chapter.layer is not None]),
         *last,
-    ]
-    on_paper = [] if full else [paragraph(_NOT_PRINTED, class_="note paper")]
+        id="main",
+        tabindex="-1",
+    )
+    unprinted = "Folded sections are not printed: open them first, or write the page with precision-pin report --full."
+    on_paper = [] if full else [paragraph(unprinted, class_="note paper")]
     header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *on_paper)
-    main = element("main", *sections, id="main", tabindex="-1")
     footer = element("footer", paragraph("Written by precision-pin."))
     body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])
     return f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head.text}\n</head>\n<body>\n{body.text}\n</body>\n</html>\n'
 
 
 def _details(results: Results) -> list[Html]:
-    return [distributions(results), *(_section(name, results) for name in results.found)]
+    """Return the sections of a pose; an analysis without a result says why."""
+    made = [distributions(results)]
+    for name, result in results.found.items():
+        one = declarations()[name]
+        if isinstance(result, Missing):
+            parts: Iterable[Child] = [left_out(one.title, result, results)]
+        else:
+            parts = one.content(result, results)
+        made.append(section(f"{results.prefix}{name}", one.heading, *parts))
+    return made
 
 
 def _opened(sections: Sequence[Html]) -> list[Html]:
     """Return sections with their folds open; small parts folded inside them, such as minor causes, stay folded."""
     # text is escaped, so this is always a tag
     return [Html(one.text.replace('<details class="fold"', '<details class="fold" open=""')) for one in sections]
-
-
-def _other_pose(results: Results) -> Html:
-    """Return all sections of a pose that is not the worst as one section."""
-    said = [f"Pose {name_pose(results)}"]
-    if results.analysis.summary.specifications:
-        said.append(describe_verdict(results.analysis.summary.specifications))
-    parts = [picture(results), specifications(results), *_details(results)]
-    return section(f"{results.prefix}pose", ": ".join(said), *parts)
-
-
-def _section(name: str, results: Results) -> Html:
-    declaration, result = declarations()[name], results.found[name]
-    if isinstance(result, Missing):
-        return section(f"{results.prefix}{name}", declaration.heading, left_out(declaration.title, result, results))
-    return section(f"{results.prefix}{name}", declaration.heading, *declaration.content(result, results))
-
-
-def _contents(poses: Sequence[Results], chapters: Sequence[Chapter]) -> Html:
-    titles = {"verdict": "Result", "assumptions": "Assumptions", "distributions": "Distributions"}
-    titles |= {name: declarations()[name].title for name in poses[0].found}
-    titles |= {f"{other.prefix}pose": f"Pose {name_pose(other)}" for other in poses[1:]}
-    titles |= {chapter.name: chapter.title for chapter in chapters}
-    titles |= {"view": "3-D view", **{name: title for name, (title, _) in _LAST.items()}}
-    links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
-    return element("nav", element("ul", *links), aria_label="Contents")
-
-
-def _policy() -> str:
-    return (
-        f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; img-src data:; "
-        "base-uri 'none'; form-action 'none'"
-    )
-
-
-def _style() -> str:
-    return importlib.resources.files(__package__).joinpath("style.css").read_text("utf-8")

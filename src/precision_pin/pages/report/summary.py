@@ -13,7 +13,7 @@ from precision_pin.analyses.causes import CauseShare, rank_causes
 from precision_pin.analyses.collect import MISSING, Results, milli_interval, percent, statistic
 from precision_pin.analyses.monte_carlo.section import describe_verdict, specifications, verdict
 from precision_pin.base.arrays import Array
-from precision_pin.pages.view.drawing import Cloud, Picture, draw_picture
+from precision_pin.pages.view.drawing import Cloud, draw_picture
 from precision_pin.pages.view.headline import quantile, values_of
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.figure_style import inline_figure
@@ -25,8 +25,6 @@ from precision_pin.statistics.intervals import format_inside
 NOTABLE: Final = 0.1
 """Fraction of the 95 % quantile from which the error without any tolerance is mentioned."""
 
-_LISTED: Final = 5
-_LEAST: Final = 0.01
 _LEVEL: Final = 0.95
 # robots evaluated again for each row
 _MOST: Final = 100_000
@@ -56,7 +54,7 @@ def changes(results: Results) -> Html:
     vector = quantity.partition(".")[0]
     budget = budget_of(results)
     ranked = [] if budget is None else rank_causes(results.causes, budget, vector)
-    causes = [one for one in ranked if one.share is not None and one.share >= _LEAST][:_LISTED]
+    causes = [one for one in ranked if one.share is not None and one.share >= 0.01][:5]
     constant = vector == "position" and constant_part(results) > 0
     if not causes and not constant:
         return joined([])
@@ -99,7 +97,6 @@ def _outcome(errors: Array, quantity: str, asked: SpecificationResult | None) ->
     return [size, element("span", text, element("strong", said.verdict, class_="good" if said.met else "bad"))]
 
 
-_NAMED: Final = 3
 _MARKED: Final = (0.95, 0.9973)
 
 
@@ -133,14 +130,37 @@ def name_pose(results: Results) -> str:
 
 def picture(results: Results) -> Html:
     """Return the arm with its cloud."""
-    drawn = _draw(results)
-    tip = ", ".join(milli(value, 5) for value in results.at.posture.pose[:3, 3])
+    norm, nominal, errors = results.analysis.position.norm, results.analysis.nominal[:3], results.cloud[:3]
+    limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
+    limit = min(limits, key=lambda one: one.limit, default=None)
+    # errors far from zero are drawn relative to the error at the means
+    is_apart = bool(middle_of(errors).any())
+    if is_apart:
+        found = quantile(np.linalg.norm(errors - nominal[:, None], axis=0), _LEVEL)
+        within, middle = found and found[0], tuple(nominal.tolist())
+        size = found and f"{format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))} mm"
+        shown = f"errors without the constant part of {milli(constant_part(results), 3)} mm"
+    else:
+        within, middle = norm.quantile(_LEVEL), (0.0, 0.0, 0.0)
+        size = None if within is None else f"{statistic(norm, _LEVEL)} {unit(norm.quantity)}"
+        shown = "errors"
+    cloud = Cloud(errors, within, limit and limit.limit, limit is None or limit.met, middle)
+    posture = results.at.posture
+    drawn = draw_picture(posture, cloud, [Path(folder) for folder in results.package_dirs])
+    parts = [f"{drawn.points:,} sampled robots, {shown} ×{drawn.factor:g} about the tip (+)"]
+    if size is not None:
+        parts.append(f"dashed: 95 % within {size}")
+    if limit is not None:
+        beyond = "not drawn" if is_apart else "outside the picture"
+        where = "limit" if drawn.shows_limit else f"{beyond}: the limit"
+        parts.append(f"{where} {milli(limit.limit, 6)} {unit(norm.quantity)}")
+    tip = ", ".join(milli(value, 5) for value in posture.pose[:3, 3])
     return inline_figure(
         drawn.figure,
         f"{results.prefix}arm",
-        f"The arm with {len(results.at.posture.q)} joints; the tip without error is at ({tip}) mm in the base; sampled "
+        f"The arm with {len(posture.q)} joints; the tip without error is at ({tip}) mm in the base; sampled "
         f"positions about it are drawn {drawn.factor:g} times too far away",
-        _caption(results, drawn),
+        "; ".join(parts) + ".",
         class_="arm",
     )
 
@@ -151,107 +171,51 @@ def causes_in_words(results: Results, budget: PoseBudget, vector: str, most: int
     return [(one.share, one.cause.text) for one in ranked[:most] if one.share is not None and one.share >= 5e-4]
 
 
-def _draw(results: Results) -> Picture:
-    norm = results.analysis.position.norm
-    limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
-    limit = min(limits, key=lambda one: one.limit) if limits else None
-    is_apart = _is_apart(results)
-    within = (_about_mean(results) or (None,))[0] if is_apart else norm.quantile(0.95)
-    cloud = Cloud(
-        results.cloud[:3],
-        within,
-        None if limit is None else limit.limit,
-        limit is None or limit.met,
-        tuple(results.analysis.nominal[:3].tolist()) if is_apart else (0.0, 0.0, 0.0),
-    )
-    return draw_picture(results.at.posture, cloud, [Path(folder) for folder in results.package_dirs])
-
-
-def _is_apart(results: Results) -> bool:
-    """Return whether the errors are so far from zero that they are drawn relative to the error at the means."""
-    return bool(middle_of(results.cloud[:3]).any())
-
-
-def _about_mean(results: Results) -> tuple[float, tuple[float, float]] | None:
-    """Return the distance from the error at the means that holds 95 % of the drawn errors, m, with its interval."""
-    return quantile(np.linalg.norm(results.cloud[:3] - results.analysis.nominal[:3, None], axis=0), 0.95)
-
-
-def _caption(results: Results, drawn: Picture) -> str:
-    norm = results.analysis.position.norm
-    limited = [one.limit for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
-    is_apart = _is_apart(results)
-    parts = [f"{drawn.points:,} sampled robots, errors ×{drawn.factor:g} about the tip (+)"]
-    if is_apart:
-        constant = f"the constant part of {milli(constant_part(results), 3)} mm"
-        parts = [f"{drawn.points:,} sampled robots, errors without {constant} ×{drawn.factor:g} about the tip (+)"]
-        found = _about_mean(results)
-        if found is not None:
-            within = format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))
-            parts.append(f"dashed: 95 % within {within} mm")
-    elif norm.quantile(0.95) is not None:
-        parts.append(f"dashed: 95 % within {statistic(norm, 0.95)} {unit(norm.quantity)}")
-    if limited:
-        beyond = "not drawn" if is_apart else "outside the picture"
-        where = "limit" if drawn.shows_limit else f"{beyond}: the limit"
-        parts.append(f"{where} {milli(min(limited), 6)} {unit(norm.quantity)}")
-    return "; ".join(parts) + "."
-
-
 def _causes(results: Results) -> Html:
+    """Return the largest causes, the error at the means if it is a large part, and how much rests on assumptions."""
     budget = budget_of(results)
-    pose = None if budget is None or not budget.draws else budget
     parts: list[Child] = []
-    largest = [] if pose is None else causes_in_words(results, pose, "position", _NAMED)
-    if largest:
+    if budget is not None and budget.draws and (largest := causes_in_words(results, budget, "position", 3)):
         lines = [element("li", element("strong", f"{100 * share:.0f} %"), f" {text}") for share, text in largest]
         parts.append(paragraph("Largest causes, share of the variance of d:", class_="lead"))
         parts.append(element("ul", *lines, class_="causes"))
-    return joined([*parts, *_always(results), *_resting(results)])
-
-
-def _resting(results: Results) -> list[Html]:
-    """Return how much of the spread comes from numbers marked as assumed."""
-    assumed, sources = results.analysis.assumed, results.analysis.sources
-    if not assumed:
-        return []
-    counted = f"{len(assumed):,} of {sources:,} sources are marked as assumed in the sheet."
-    # in a calibrated arm a number of an assumed source may be measured
-    shares = {kind: position for kind, (position, _) in results.analysis.origins.items()}
-    varies = any(shares.values())
-    much = f"{share_in_words(shares.get('assumed', 0.0))} of the variance of d rests" if varies else "rests"
-    return [paragraph(element("strong", f"{much[0].upper()}{much[1:]} on assumptions: {counted}"))]
-
-
-def _always(results: Results) -> list[Html]:
-    """Return a line on the error at the means, if it is a large part of the error."""
     size = constant_part(results)
-    text = f"{milli(size, 3)} mm is the error before anything varies, from mean values and loads."
-    return [paragraph(text)] if size > 0 else []
+    if size > 0:
+        text = f"{milli(size, 3)} mm is the error before anything varies, from mean values and loads."
+        parts.append(paragraph(text))
+    assumed, sources = results.analysis.assumed, results.analysis.sources
+    if assumed:
+        # in a calibrated arm a number of an assumed source may be measured
+        shares = {kind: position for kind, (position, _) in results.analysis.origins.items()}
+        much = (
+            f"{share_in_words(shares.get('assumed', 0.0))} of the variance of d rests"
+            if any(shares.values())
+            else "Rests"
+        )
+        counted = f"{len(assumed):,} of {sources:,} sources are marked as assumed in the sheet."
+        parts.append(paragraph(element("strong", f"{much[0].upper()}{much[1:]} on assumptions: {counted}")))
+    return joined(parts)
 
 
 def _by_pose(poses: Sequence[Results]) -> Html:
-    rows: list[list[Child]] = []
+    asked = poses[0].analysis.summary.specifications
+    header = ["pose", *(["verdict"] if asked else [])]
+    header += [*(f"{100 * level:g} % within [{unit('position')}]" for level in _MARKED), "largest cause"]
+    rows = []
     for results in poses:
         given = results.analysis.summary.specifications
-        norm = results.analysis.position.norm
-        met = all(result.met for result in given)
+        norm, budget = results.analysis.position.norm, budget_of(results)
         cells: list[Child] = [name_pose(results)]
         if given:
             said = given[0].verdict if len(given) == 1 else describe_verdict(given)
+            met = all(result.met for result in given)
             cells.append(element("strong", said, class_="good" if met else "bad"))
         cells += [_with_interval(norm, level) for level in _MARKED]
-        budget = budget_of(results)
         largest = [] if budget is None else causes_in_words(results, budget, "position", 1)
         cells.append("".join(f"{100 * share:.0f} % {text}" for share, text in largest) or MISSING)
         rows.append(cells)
-    asked = bool(poses[0].analysis.summary.specifications)
-    header = ["pose", *(["verdict"] if asked else [])]
-    header += [f"{100 * level:g} % within [{unit('position')}]" for level in _MARKED]
-    name = symbol(poses[0].analysis.position.norm.quantity)
-    words = (1, 4) if asked else (3,)
-    caption = f"{len(poses)} poses, the worst first: position error {name}"
-    return element("div", table(caption, [*header, "largest cause"], rows, words=words), class_="poses")
+    caption = f"{len(poses)} poses, the worst first: position error {symbol('position.norm')}"
+    return element("div", table(caption, header, rows, words=(1, 4) if asked else (3,)), class_="poses")
 
 
 def _with_interval(norm: Distribution, level: float) -> Child:

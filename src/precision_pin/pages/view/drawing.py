@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from precision_pin.base.arrays import Array
 from precision_pin.pages.view.arm import draw_arm
-from precision_pin.pages.view.scales import arm_length
+from precision_pin.pages.view.scales import arm_length, joint_points
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, VERMILION
 from precision_pin.render.figure_style import new_figure, set_height, style
 from precision_pin.render.scene import Triangles
@@ -30,22 +30,12 @@ WIDTH: Final = 100.0
 """Width of the picture, mm."""
 
 _PIXELS: Final = 760
-_POINTS: Final = 700
-_ELEVATION: Final = math.radians(20)
 _AZIMUTHS: Final = 24
 # fractions of the arm's extent in the picture: the cloud with the line to it, a limit at most, and the least size left
 # for the cloud
 _CLOUD: Final = 0.27
 _LIMIT: Final = 0.36
 _SMALLEST: Final = 0.08
-_MARGIN: Final = 0.05
-# height of the line of text below a circle
-_LABEL: Final = 0.05
-_FACTORS: Final = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-_BAR: Final = 0.16
-_TRIAD: Final = 0.085
-_LOWEST_ASPECT: Final = 0.78
-_HIGHEST_ASPECT: Final = 1.05
 
 
 @final
@@ -83,46 +73,35 @@ class Picture:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Frame:
-    """The picture's rectangle in the camera's axes, m."""
-
-    low: Array
-    high: Array
-
-    @property
-    def size(self) -> Array:
-        return self.high - self.low
-
-
 def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = ()) -> Picture:
     """Return the arm at a posture, undisplaced, with its magnified cloud of errors about the tip, 100 mm wide."""
     triangles = Triangles()
     _, notes = draw_arm(triangles, posture, package_dirs)
     corners, tip = triangles.corners, posture.pose[:3, 3]
     camera = _choose_camera(posture, corners)
-    skeleton = camera.project(np.vstack([posture.link_poses[:, :3, 3], tip])) - camera.project(tip)
+    skeleton = camera.project(joint_points(posture)) - camera.project(tip)
     seen = camera.project(corners) - camera.project(tip)
     arm = _arm_frame(skeleton, seen)
-    drawn = camera.project(cloud.errors[:, :_POINTS].T - np.array(cloud.middle))[:, :2]
-    factor, shows_limit = _choose_factor(cloud, drawn, float(arm.size.max()))
-    frame = _whole_frame(arm, factor * drawn, factor * max(_radii(cloud, shows_limit), default=0.0))
-    size = float(frame.size[0]) / _PIXELS
-    shape = (max(1, round(float(frame.size[1]) / size)), _PIXELS)
-    image = draw_triangles(seen, triangles.colours, frame.low, size, shape)
+    drawn = camera.project(cloud.errors[:, :700].T - np.array(cloud.middle))[:, :2]
+    factor, shows_limit = _choose_factor(cloud, drawn, float(np.ptp(arm, axis=0).max()))
+    radius = max(cloud.within or 0.0, (shows_limit and cloud.limit) or 0.0)
+    frame = _whole_frame(arm, factor * drawn, factor * radius)
+    width, height = np.ptp(frame, axis=0).tolist()
+    size = width / _PIXELS
+    shape = (max(1, round(height / size)), _PIXELS)
+    image = draw_triangles(seen, triangles.colours, frame[0], size, shape)
     with style():
         made = new_figure(WIDTH)
         made.set_layout_engine("none")
         set_height(made, WIDTH * shape[0] / shape[1])
         axes = made.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        extent = (frame.low[0], frame.high[0], frame.low[1], frame.high[1])
-        axes.imshow(image, extent=extent, interpolation="none", aspect="auto")
+        axes.imshow(image, extent=tuple(frame.T.flat), interpolation="none", aspect="auto")
         _draw_cloud(axes, cloud, drawn, factor, shows_limit)
         _draw_scale(axes, frame, factor)
         _draw_base(axes, frame, camera)
-        axes.set_xlim(frame.low[0], frame.high[0])
-        axes.set_ylim(frame.low[1], frame.high[1])
+        axes.set_xlim(*frame[:, 0])
+        axes.set_ylim(*frame[:, 1])
     return Picture(made, factor, len(drawn), shows_limit, notes)
 
 
@@ -131,7 +110,7 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
 
 def _choose_camera(posture: Posture, corners: Array) -> Camera:
     """Return the camera that shows the arm widest with the least of it in front of the tip."""
-    points = np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
+    points = joint_points(posture)
     near = _CLOUD / 2 * arm_length(posture)
     some = corners[:: max(1, len(corners) // 4000), 0] if len(corners) else points
 
@@ -143,18 +122,18 @@ def _choose_camera(posture: Posture, corners: Array) -> Camera:
         return round(float(lengths) - 4 * hiding, 6)
 
     turns = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS + np.pi / _AZIMUTHS
-    return max((Camera(float(turn), _ELEVATION) for turn in turns), key=rate)
+    return max((Camera(float(turn), math.radians(20)) for turn in turns), key=rate)
 
 
-def _arm_frame(skeleton: Array, seen: Array) -> _Frame:
-    """Return the rectangle about everything drawn, or about the chain if the rest of the robot is far larger."""
-    chain = _Frame(skeleton[:, :2].min(axis=0), skeleton[:, :2].max(axis=0))
-    room = max(float(chain.size.max()), 1e-6)
+def _arm_frame(skeleton: Array, seen: Array) -> Array:
+    """Return low and high corner of all that is drawn, or of the chain if the rest of the robot is far larger, ``(2, 2)``."""
+    low, high = skeleton[:, :2].min(axis=0), skeleton[:, :2].max(axis=0)
+    room = max(float((high - low).max()), 1e-6)
     if not len(seen):
-        return _Frame(chain.low - 0.1 * room, chain.high + 0.1 * room)
-    whole = _Frame(seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1)))
-    low, high = np.maximum(whole.low, chain.low - 0.4 * room), np.minimum(whole.high, chain.high + 0.4 * room)
-    return _Frame(np.minimum(low, chain.low), np.maximum(high, chain.high))
+        return np.array([low - 0.1 * room, high + 0.1 * room])
+    lowest, highest = seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1))
+    lowest, highest = np.maximum(lowest, low - 0.4 * room), np.minimum(highest, high + 0.4 * room)
+    return np.array([np.minimum(lowest, low), np.maximum(highest, high)])
 
 
 def _choose_factor(cloud: Cloud, drawn: Array, extent: float) -> tuple[float, bool]:
@@ -179,29 +158,25 @@ def _round(value: float) -> float:
     if value <= 1:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
-    return float(f"{min((power * digit for digit in _FACTORS), key=lambda one: abs(math.log(one / value))):.6g}")
+    rounds = [power * digit for digit in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)]
+    return float(f"{min(rounds, key=lambda one: abs(math.log(one / value))):.6g}")
 
 
-def _radii(cloud: Cloud, shows_limit: bool) -> list[float]:
-    limit = cloud.limit if shows_limit else None
-    return [radius for radius in (cloud.within, limit) if radius is not None]
-
-
-def _whole_frame(arm: _Frame, drawn: Array, radius: float) -> _Frame:
+def _whole_frame(arm: Array, drawn: Array, radius: float) -> Array:
     """Return the rectangle about arm, cloud and circles, with a margin, neither too wide nor too high."""
     around = np.array([[-radius, -radius], [radius, radius]])
-    points = np.vstack([arm.low, arm.high, drawn, around])
+    points = np.vstack([arm, drawn, around])
     low, high = points.min(axis=0), points.max(axis=0)
-    if radius > 0:
-        low[1] = min(low[1], -radius - _LABEL * float((high - low).max()))
-    margin = _MARGIN * float((high - low).max())
+    if radius > 0:  # a line of text below the circle
+        low[1] = min(low[1], -radius - 0.05 * float((high - low).max()))
+    margin = 0.05 * float((high - low).max())
     low, high = low - margin, high + margin
     low[1] -= margin  # the scale is below
     size, middle = high - low, (low + high) / 2
-    height = max(size[1], _LOWEST_ASPECT * size[0])
-    width = max(size[0], height / _HIGHEST_ASPECT)
+    height = max(size[1], 0.78 * size[0])
+    width = max(size[0], height / 1.05)
     half = np.array([width, height]) / 2
-    return _Frame(middle - half, middle + half)
+    return np.array([middle - half, middle + half])
 
 
 # over the arm ---------------------------------------------------------------------------------
@@ -229,24 +204,24 @@ def _draw_circle(axes: Axes, radius: float, colour: str, dashes: object, label: 
     _write(axes, 0, place, label, ha="center", va="bottom" if above > 0 else "top", color=colour)
 
 
-def _draw_scale(axes: Axes, frame: _Frame, factor: float) -> None:
-    target = _BAR * float(frame.size[0]) / factor
+def _draw_scale(axes: Axes, frame: Array, factor: float) -> None:
+    width, height = np.ptp(frame, axis=0).tolist()
+    target = 0.16 * width / factor
     power = 10.0 ** math.floor(math.log10(target))
     length = max(digit * power for digit in (1, 2, 5) if digit * power <= target)
-    right = float(frame.high[0] - 0.03 * frame.size[0])
-    low = float(frame.low[1] + 0.03 * frame.size[1])
+    right = float(frame[1, 0] - 0.03 * width)
+    low = float(frame[0, 1] + 0.03 * height)
     left = right - factor * length
     axes.plot([left, right], [low, low], color=BLACK, linewidth=2.2, solid_capstyle="butt", path_effects=_halo())
     text = f"{1e3 * length:g} mm" if length >= 1e-4 else f"{1e6 * length:g} µm"
-    above = low + 0.015 * float(frame.size[1])
-    _write(axes, right, above, f"{text} of error, ×{factor:g}", ha="right", va="bottom", color=BLACK)
+    _write(axes, right, low + 0.015 * height, f"{text} of error, ×{factor:g}", ha="right", va="bottom", color=BLACK)
 
 
-def _draw_base(axes: Axes, frame: _Frame, camera: Camera) -> None:
-    length = _TRIAD * float(frame.size.max())
+def _draw_base(axes: Axes, frame: Array, camera: Camera) -> None:
+    size = float(np.ptp(frame, axis=0).max())
+    length = 0.085 * size
     directions = camera.axes[:2].T
-    corner = frame.low + 0.035 * float(frame.size.max())
-    start = corner + length * np.maximum(0.0, -directions.min(axis=0))
+    start = frame[0] + 0.035 * size + length * np.maximum(0.0, -directions.min(axis=0))
     # towards the viewer last
     for k in np.argsort(camera.axes[2]):
         colour, way = (VERMILION, GREEN, BLUE)[k], directions[k]
@@ -267,16 +242,12 @@ def _halo() -> list[withStroke]:
 # triangles as an image ----------------------------------------------------------------------------
 
 _OVERSAMPLING: Final = 2
-_BATCH: Final = 2_000_000
-_FLATTEST: Final = 1e-6
 # direction of the light in the camera's axes: right, up, towards the viewer
 _LIGHT: Final = np.array([-0.45, 0.65, 0.62])
 _AMBIENT: Final = 0.42
 # colours are kept away from black and white, so that the arm stands out on dark and light backgrounds
 _DARKEST: Final = 0.16
 _LIGHTEST: Final = 0.88
-_EDGE: Final = 0.55
-_STEP: Final = 0.02
 
 
 @final
@@ -319,8 +290,8 @@ def draw_triangles(
     which, depth = _nearest(points, rows, columns)
     shaded = np.vstack([_shade(corners, colours), np.zeros(3)])[which]
     extent = float(np.ptp(corners[:, :, :2], axis=(0, 1)).max()) if len(corners) else 1.0
-    edges = _edges(which, depth, _STEP * extent)
-    shaded[edges] *= _EDGE
+    edges = _edges(which, depth, 0.02 * extent)
+    shaded[edges] *= 0.55
     seen = (which >= 0).astype(float)
     whole = np.dstack([shaded * seen[:, :, None], seen])
     mean = whole.reshape(shape[0], _OVERSAMPLING, shape[1], _OVERSAMPLING, 4).mean(axis=(1, 3))
@@ -347,11 +318,35 @@ def _nearest(points: Array, rows: int, columns: int) -> tuple[NDArray[np.int64],
     edges = points[:, 1:] - points[:, :1]
     area = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 1, 0] * edges[:, 0, 1]
     first, count = _centres(points[:, :, 1].min(axis=1), points[:, :, 1].max(axis=1), rows)
-    chosen = np.flatnonzero((count > 0) & (np.abs(area) > _FLATTEST))
+    chosen = np.flatnonzero((count > 0) & (np.abs(area) > 1e-6))
     boxes = count[chosen] * (np.ptp(points[chosen, :, 0], axis=1) + 1)
     # limited by memory
-    for batch in np.split(chosen, np.flatnonzero(np.diff(np.cumsum(boxes) // _BATCH)) + 1):
-        _draw_batch(points, area, batch, first[batch], count[batch], (rows, columns), which, depth)
+    for batch in np.split(chosen, np.flatnonzero(np.diff(np.cumsum(boxes) // 2_000_000)) + 1):
+        of, row = _spread(first[batch], count[batch])
+        triangle = batch[of]
+        corner, y = points[triangle], row + 0.5
+        ends = []
+        for start, end in ((0, 1), (1, 2), (2, 0)):
+            (ax, ay), (bx, by) = corner[:, start, :2].T, corner[:, end, :2].T
+            crosses = (ay <= y) != (by <= y)
+            share = np.divide(y - ay, by - ay, out=np.zeros_like(y), where=crosses)
+            ends.append(np.where(crosses, ax + share * (bx - ax), np.nan))
+        low, high = np.fmin.reduce(ends), np.fmax.reduce(ends)
+        column, width = _centres(np.nan_to_num(low, nan=1.0), np.nan_to_num(high, nan=0.0), columns)
+        line, x = _spread(column, width)
+        triangle = triangle[line]
+        # the triangle's plane
+        origin = points[triangle, 0]
+        (ux, uy, uz), (vx, vy, vz) = (points[triangle, k].T - origin.T for k in (1, 2))
+        dx, dy = x + 0.5 - origin[:, 0], y[line] - origin[:, 1]
+        z = origin[:, 2] + ((dx * vy - dy * vx) * uz + (dy * ux - dx * uy) * vz) / area[triangle]
+        at = row[line] * columns + x
+        nearer = z > depth[at]
+        at, z, triangle = at[nearer], z[nearer], triangle[nearer]
+        # the last one written at a pixel remains: the closest
+        order = np.argsort(z, kind="stable")
+        depth[at[order]] = z[order]
+        which[at[order]] = triangle[order]
     return which.reshape(rows, columns), depth.reshape(rows, columns)
 
 
@@ -367,45 +362,6 @@ def _spread(first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray
     of = np.repeat(np.arange(len(count)), count)
     starts = np.cumsum(count) - count
     return of, first[of] + np.arange(len(of)) - starts[of]
-
-
-def _draw_batch(
-    points: Array,
-    area: Array,
-    batch: NDArray[np.int64],
-    first: NDArray[np.int64],
-    count: NDArray[np.int64],
-    shape: tuple[int, int],
-    which: NDArray[np.int64],
-    depth: Array,
-) -> None:
-    """Draw some triangles row by row, and record where they are closest so far."""
-    columns = shape[1]
-    of, row = _spread(first, count)
-    triangle = batch[of]
-    corner, y = points[triangle], row + 0.5
-    ends = []
-    for start, end in ((0, 1), (1, 2), (2, 0)):
-        (ax, ay), (bx, by) = corner[:, start, :2].T, corner[:, end, :2].T
-        crosses = (ay <= y) != (by <= y)
-        share = np.divide(y - ay, by - ay, out=np.zeros_like(y), where=crosses)
-        ends.append(np.where(crosses, ax + share * (bx - ax), np.nan))
-    low, high = np.fmin.reduce(ends), np.fmax.reduce(ends)
-    column, width = _centres(np.nan_to_num(low, nan=1.0), np.nan_to_num(high, nan=0.0), columns)
-    line, x = _spread(column, width)
-    triangle = triangle[line]
-    # the triangle's plane
-    origin = points[triangle, 0]
-    (ux, uy, uz), (vx, vy, vz) = (points[triangle, k].T - origin.T for k in (1, 2))
-    dx, dy = x + 0.5 - origin[:, 0], y[line] - origin[:, 1]
-    z = origin[:, 2] + ((dx * vy - dy * vx) * uz + (dy * ux - dx * uy) * vz) / area[triangle]
-    at = row[line] * columns + x
-    nearer = z > depth[at]
-    at, z, triangle = at[nearer], z[nearer], triangle[nearer]
-    # the last one written at a pixel remains: the closest
-    order = np.argsort(z, kind="stable")
-    depth[at[order]] = z[order]
-    which[at[order]] = triangle[order]
 
 
 def _edges(which: NDArray[np.int64], depth: Array, step: float) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Final, final
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.html import escaped
-from precision_pin.render.tables import symbol, unit
+from precision_pin.render.tables import absolute, unit
 from precision_pin.statistics import (
     NO_GROUNDS,
     Grounds,
@@ -33,13 +33,6 @@ LEVELS: Final = (0.5, 0.95, 0.9973)
 """Quantiles marked on the colour bar."""
 
 _SHOWN_LEVEL: Final = 0.95
-_WORDS: Final[dict[Verdict, str]] = {
-    "met": "Met",
-    "not met": "Not met",
-    "not judged": "Not judged",
-    "undecided": "Undecided",
-    "nothing to judge": "Nothing to judge",
-}
 
 
 @final
@@ -82,10 +75,8 @@ def quantile(values: Array, level: float) -> tuple[float, tuple[float, float]] |
 
 def limit_text(specification: Specification) -> str:
     """Return a limit as written by the page: ``|d| ≤ 0.5 mm for 99.73 %``."""
-    name = symbol(specification.quantity)
-    written = name if name.startswith("|") else f"|{name}|"
     limit = f"{1e3 * specification.limit:.6g} {unit(specification.quantity)}"
-    return f"{written} ≤ {limit} for {100 * specification.required:.10g} %"
+    return f"{absolute(specification.quantity)} ≤ {limit} for {100 * specification.required:.10g} %"
 
 
 def as_html(found: Sequence[Answer]) -> str:
@@ -96,27 +87,20 @@ def as_html(found: Sequence[Answer]) -> str:
     )
 
 
-def as_data(found: Sequence[Answer]) -> list[Any]:
-    """Return the answer for the page's script."""
-    return [[one.text, one.detail, one.verdict] for one in found]
-
-
 def _judged(specification: Specification, errors: Array, varies: Array, grounds: Grounds) -> Answer:
     values = np.abs(values_of(specification.quantity, errors))
     kept = int(np.count_nonzero(values <= specification.limit))
-    rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
-    part = specification.quantity.partition(".")[2]
-    moving = varies[rows]
     result = SpecificationResult(
         quantity=specification.quantity,
         limit=specification.limit,
         required=specification.required,
         probability=kept / values.size,
         interval=clopper_pearson(kept, values.size, CONFIDENCE),
-        varies=bool(moving.any() if part == "norm" else moving["xyz".index(part)]),
+        # a norm varies where one of its components does
+        varies=bool(values_of(specification.quantity, varies)),
         grounds=grounds,
     )
-    text = f"{_WORDS[result.verdict]}{grounds.taken if result.met else ''}: {limit_text(specification)}"
+    text = f"{result.verdict.capitalize()}{grounds.taken if result.met else ''}: {limit_text(specification)}"
     if result.verdict == "not judged":
         return Answer(text, grounds.why, result.verdict)
     if result.verdict == "nothing to judge":
@@ -146,19 +130,17 @@ def mean_size(positions: Array) -> str:
 
 def _size(errors: Array) -> Answer:
     sizes = np.linalg.norm(errors[:3], axis=0)
-    count = sizes.size
-    robots = f"{count:,} robots" if count > 1 else "1 robot"
-    axis_unit = WrittenUnit.of_axis("position", float(sizes.max()))
-    name, per_metre = axis_unit.name, axis_unit.per_si
+    robots = f"{sizes.size:,} robots" if sizes.size > 1 else "1 robot"
+    length = WrittenUnit.of_axis("position", float(sizes.max()))
+    if np.ptp(sizes) <= NO_SPREAD:
+        return Answer(f"Every robot within {length.short(sizes.max())}", f"{robots}, all alike")
     found = quantile(sizes, _SHOWN_LEVEL)
-    if float(np.ptp(sizes)) <= NO_SPREAD:
-        return Answer(f"Every robot within {per_metre * float(sizes.max()):.4g} {name}", f"{robots}, all alike")
     if found is None:
-        return Answer(f"{count:,} robots are too few for the 95 % quantile", "add samples")
+        return Answer(f"{robots} are too few for the 95 % quantile", "add samples")
     value, ends = found
-    interval = per_metre * ends[0], per_metre * ends[1]
-    low, high = format_interval(*ends, per_metre)
+    inside = format_inside(length.per_si * value, (length.per_si * ends[0], length.per_si * ends[1]), most=5)
+    low, high = format_interval(*ends, length.per_si)
     return Answer(
-        f"95 % of robots within {format_inside(per_metre * value, interval, most=5)} {name}",
-        f"interval {low} to {high} {name} at {100 * CONFIDENCE:g} % confidence; {robots}",
+        f"95 % of robots within {inside} {length.name}",
+        f"interval {low} to {high} {length.name} at {100 * CONFIDENCE:g} % confidence; {robots}",
     )

@@ -7,9 +7,7 @@ when it differs, with the sliders and the view as the reader left them.
 
 from __future__ import annotations
 
-import base64
 import hashlib
-import importlib.resources
 import os
 import socket
 import socketserver
@@ -19,7 +17,6 @@ import time
 import webbrowser
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
@@ -28,17 +25,12 @@ from string import Template
 from typing import Any, Final
 
 from precision_pin.base.errors import InputError, OutputError
+from precision_pin.pages.view.page import asset, source_hash
 from precision_pin.render.html import escaped
 
 _HOST: Final = "127.0.0.1"
 _PORTS: Final = range(1024, 65536)
 _ALLOWED_PORTS: Final = f"give 0 for any free port, or one of {_PORTS[0]} to {_PORTS[-1]}"
-# s: between checks for Ctrl-C, between checks of the files, and until a silent connection is closed
-_TICK: Final = 0.1
-_LOOK: Final = 0.25
-_SILENCE: Final = 10.0
-# a file system may give two writes within this time the same stamp, ns
-_STAMP: Final = 2_000_000_000
 # these browsers take over the terminal and cannot draw the scene
 _TEXT_BROWSERS: Final = ("www-browser", "links", "elinks", "lynx", "w3m")
 
@@ -67,13 +59,24 @@ def serve(
     if isinstance(port, bool) or not isinstance(port, int) or not (port == 0 or port in _PORTS):
         raise InputError(f"there is no port {port!r} to serve on; {_ALLOWED_PORTS}")
     watch = _Watch(watched)
-    with _bound(port) as server:
-        server.content = _Content.of(make_page())
+    try:
+        server = _Server(port)
+    except OSError as problem:
+        raise OutputError(f"cannot serve on port {port}: {problem.strerror or problem}; {_ALLOWED_PORTS}") from None
+    with server:
+        server.content = _content_of(make_page())
 
         def step() -> None:
             tick()
             if watch.changed():
-                server.content = _made_anew(make_page, watched, announce)
+                try:
+                    server.content = _content_of(make_page())
+                    announce("the files have changed; the page was rebuilt")
+                except InputError as error:
+                    announce(str(error))
+                    findings = "".join(f"<li>{escaped(str(finding))}</li>" for finding in error.findings)
+                    files = ", ".join(f"<code>{escaped(str(path))}</code>" for path in watched)
+                    server.content = _content_of(_PROBLEM.substitute(findings=findings, watched=files))
 
         server.step = step
         with suppress(KeyboardInterrupt):
@@ -81,35 +84,13 @@ def serve(
             if open_browser:
                 # some browsers return only when they are closed
                 threading.Thread(target=_open, args=(server.address,), daemon=True).start()
-            server.serve_forever(poll_interval=_TICK)
+            server.serve_forever(poll_interval=0.1)
 
 
-@dataclass(frozen=True)
-class _Content:
-    """The page in the frame, and its digest."""
-
-    body: bytes
-    version: str
-
-    @classmethod
-    def of(cls, text: str) -> _Content:
-        body = text.encode("utf-8")
-        return cls(body, hashlib.sha256(body).hexdigest())
-
-
-def _made_anew(make_page: Callable[[], str], watched: Sequence[Path], announce: Callable[[str], None]) -> _Content:
-    try:
-        content = _Content.of(make_page())
-    except InputError as error:
-        announce(str(error))
-        return _Content.of(
-            _PROBLEM.substitute(
-                findings="".join(f"<li>{escaped(str(finding))}</li>" for finding in error.findings),
-                watched=", ".join(f"<code>{escaped(str(path))}</code>" for path in watched),
-            )
-        )
-    announce("the files have changed; the page was rebuilt")
-    return content
+def _content_of(text: str) -> tuple[bytes, bytes]:
+    """Return the page in the frame, and its digest."""
+    body = text.encode("utf-8")
+    return body, hashlib.sha256(body).hexdigest().encode("ascii")
 
 
 def _open(address: str) -> None:
@@ -132,7 +113,7 @@ class _Watch:
         """Return whether the page should be rebuilt; checks the files at most four times a second."""
         if time.monotonic() < self._next:
             return False
-        self._next = time.monotonic() + _LOOK
+        self._next = time.monotonic() + 0.25
         before, self._latest = self._latest, self._look()
         # unchanged twice: nobody is in the middle of writing
         if self._latest != before or self._latest == self._made_from:
@@ -153,7 +134,8 @@ class _Watch:
             known = self._read.get(path)
             if known is not None and known[0] == stamp:
                 return known[1]
-            recent = abs(time.time_ns() - max(now.st_mtime_ns, now.st_ctime_ns)) < _STAMP
+            # a file system may give two writes within 2 s the same stamp
+            recent = abs(time.time_ns() - max(now.st_mtime_ns, now.st_ctime_ns)) < 2_000_000_000
             with path.open("rb") as stream:
                 digest = hashlib.file_digest(stream, "sha256").digest()
         except OSError:
@@ -163,13 +145,6 @@ class _Watch:
         return digest
 
 
-def _bound(port: int) -> _Server:
-    try:
-        return _Server(port)
-    except OSError as problem:
-        raise OutputError(f"cannot serve on port {port}: {problem.strerror or problem}; {_ALLOWED_PORTS}") from None
-
-
 class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
     """Server with a thread for each connection; all of them end with the server."""
 
@@ -177,7 +152,7 @@ class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
     request_queue_size = 64  # a page being made keeps requests waiting
 
     def __init__(self, port: int) -> None:
-        self.content = _Content.of("")
+        self.content = _content_of("")
         self.step: Callable[[], None] = lambda: None
         self._connections: set[Any] = set()
         super().__init__((_HOST, port), _Handler)
@@ -212,42 +187,38 @@ class _Handler(BaseHTTPRequestHandler):
     """Serves the outer document, the page and its version; refuses everything else."""
 
     server: _Server
-    timeout = _SILENCE
+    timeout = 10.0  # s, of a silent connection
     server_version = "precision-pin"
     sys_version = ""
     error_message_format = "%(code)d %(message)s\n"
     error_content_type = "text/plain; charset=utf-8"
 
     def do_GET(self) -> None:
-        self._answer(with_body=True)
-
-    def do_HEAD(self) -> None:
-        self._answer(with_body=False)
-
-    def _answer(self, *, with_body: bool) -> None:
         # a foreign name that resolves to this machine (DNS rebinding) shows in Host
         hosts = [host.lower() for host in self.headers.get_all("Host", [])]
         if hosts not in ([f"{_HOST}:{self.server.port}"], [f"localhost:{self.server.port}"]):
             self.send_error(HTTPStatus.FORBIDDEN, f"open {self.server.address}")
             return
-        content = self.server.content
+        body, version = self.server.content
         match self.path.partition("?")[0]:
             case "/":
-                self._send(_OUTER.encode("utf-8"), "text/html", _OUTER_POLICY, with_body=with_body)
+                self._send(_OUTER.encode("utf-8"), "text/html", _OUTER_POLICY)
             case "/page":
-                self._send(content.body, "text/html", "frame-ancestors 'self'", with_body=with_body)
+                self._send(body, "text/html", "frame-ancestors 'self'")
             case "/version":
-                self._send(content.version.encode("ascii"), "text/plain", "frame-ancestors 'none'", with_body=with_body)
+                self._send(version, "text/plain", "frame-ancestors 'none'")
             case _:
                 self.send_error(HTTPStatus.NOT_FOUND)
 
-    def _send(self, body: bytes, kind: str, policy: str, *, with_body: bool) -> None:
+    do_HEAD = do_GET
+
+    def _send(self, body: bytes, kind: str, policy: str) -> None:
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", f"{kind}; charset=utf-8")
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Content-Security-Policy", policy)
         self.end_headers()
-        if with_body:
+        if self.command != "HEAD":
             self.wfile.write(body)
 
     def end_headers(self) -> None:
@@ -261,20 +232,12 @@ class _Handler(BaseHTTPRequestHandler):
         """Log nothing about requests."""
 
 
-def _asset(name: str) -> str:
-    return importlib.resources.files(__package__).joinpath("assets", name).read_text("utf-8")
-
-
-def _hash(text: str) -> str:
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
-
-
-_STYLE: Final = _asset("live.css")
-_SCRIPT: Final = _asset("live.js")
-_OUTER: Final = Template(_asset("live.html")).substitute(style=_STYLE, script=_SCRIPT)
+_STYLE: Final = asset("live.css")
+_SCRIPT: Final = asset("live.js")
+_OUTER: Final = Template(asset("live.html")).substitute(style=_STYLE, script=_SCRIPT)
 _OUTER_POLICY: Final = (
-    f"default-src 'none'; script-src {_hash(_SCRIPT)}; style-src {_hash(_STYLE)}; img-src data:; connect-src 'self'; "
+    f"default-src 'none'; script-src {source_hash(_SCRIPT)}; style-src {source_hash(_STYLE)}; img-src data:; connect-src 'self'; "
     "frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
-_PROBLEM: Final = Template(_asset("problem.html"))
+_PROBLEM: Final = Template(asset("problem.html"))

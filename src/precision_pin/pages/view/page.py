@@ -28,30 +28,24 @@ from precision_pin.pages.view.poses import (
     choose_groups,
     columns,
     limits_attitude,
-    mcpc_frames,
     share_rows,
     shown_names,
 )
 from precision_pin.render.display_units import ColourScale, round_number
 from precision_pin.render.html import escaped
-from precision_pin.render.scene import Colour, Layer, Scene, viewer_script
+from precision_pin.render.scene import Layer, Scene, viewer_script
+from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import QUANTITIES
 
-_GRID: Final[Colour] = (0.60, 0.64, 0.69, 1.0)
 _SCRIPTS: Final = (
     "stage", "cloud", "path", "compensation", "calibration", "frames", "arms", "tolerances", "headline", "camera",
     "pointer", "controls",
 )  # fmt: skip
-# fractions of the arm's length
-_FRAME_LENGTH: Final = 0.06
-_GRID_SPACING: Final = 0.125
 _GRID_HALF: Final = 8
-# the still picture: width and height, margin, largest number of dots
 _PICTURE: Final = (600, 500)
-_PICTURE_MARGIN: Final = 30
-_DOTS: Final = 400
+"""Width and height of the still picture."""
 
 
 def page(
@@ -110,25 +104,24 @@ def page(
     factors = [choose_factor(False), choose_factor(True)] if factor is None else [float(factor)] * 2
     first_factor = factors[about_mean]
     scale = ColourScale.of(np.concatenate([np.linalg.norm(one.errors[:3], axis=0) for one in poses]))
-    spacing = round_number(_GRID_SPACING * length)
+    spacing = round_number(0.125 * length)
 
     scene = Scene()
     parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
-    _draw_grid(scene, spacing)
+    steps = spacing * np.arange(-_GRID_HALF, _GRID_HALF + 1)
+    reach = _GRID_HALF * spacing
+    ends = [((at, -reach, 0.0), (at, reach, 0.0), (-reach, at, 0.0), (reach, at, 0.0)) for at in steps]
+    scene.segments(("grid",), np.concatenate(ends).T, (0.60, 0.64, 0.69, 1.0))
     for layer in layers:
         layer.draw(scene, length)
-    common = PageData(
-        seed=seed,
-        parts=parts,
-        points=min(points, scales.MOST_POINTS // len(poses)),
-        count=len(poses),
-        groups=choose_groups(
-            [one.pose_model for one in poses], poses[0].words, attitude=limits_attitude(specifications)
-        ),
-        specifications=specifications,
-    )
+    pose_models = [one.pose_model for one in poses]
+    groups = choose_groups(pose_models, poses[0].words, attitude=limits_attitude(specifications))
+    most = min(points, scales.MOST_POINTS // len(poses))
+    common = PageData(seed, parts, most, len(poses), groups, specifications)
     data = [PoseData(one, common, number) for number, one in enumerate(poses, start=1)]
-    frames = mcpc_frames(posture)
+    # MCPC frames 0 to n + 1, the tip (Wei, Jia and Chen, 2015, Fig 4), each in its chain link
+    frames = mcpc.from_chain(posture.chain).frame_in_link
+    standing = [*enumerate(frames), (len(frames) - 1, posture.chain.placements[-1])]
     pose_settings = [one.settings for one in data]
     settings = {
         "factor": first_factor,
@@ -139,7 +132,7 @@ def page(
         "largest": 10 * max(1.0, *factors),
         "length": length,
         "layers": {layer.name: layer.settings(length) for layer in layers},
-        "frame": _FRAME_LENGTH * length,
+        "frame": 0.06 * length,
         "from": direction.tolist(),
         "stops": scale.stops,
         "darkStops": scale.dark_stops,
@@ -147,27 +140,71 @@ def page(
         "seed": seed,
         "levels": LEVELS,
         "confidence": CONFIDENCE,
-        "limits": [_limit(one) for one in specifications],
-        "tolerances": shown_names(common.groups.names),
+        "limits": [
+            {
+                "row": QUANTITIES.index(one.quantity),
+                "limit": one.limit,
+                "required": one.required,
+                "text": limit_text(one),
+            }
+            for one in specifications
+        ],
+        "tolerances": shown_names(groups.names),
         "joints": shown_names(posture.chain.joint_names),
         "parts": [{"name": part.name, "link": part.link, "frame": columns(part.frame)} for part in parts],
-        "mcpc": frames,
+        "mcpc": [{"link": link, "frame": columns(frame)} for link, frame in standing],
         "deviations": share_rows(pose_settings),
         "poses": pose_settings,
     }
     texts = data[0].texts
-    first_mean = poses[0].errors[:3].mean(axis=1)
+    spans = {name: f"<span id='{name}'>{escaped(text)}</span>" for name, text in texts.items()}
+    errors = poses[0].errors[:3]
+    middle = errors.mean(axis=1, keepdims=True)
+    # as the page's script also writes it
+    about = f"from the mean error, which is {mean_size(errors)} mm" if about_mean else "from zero error"
+    rows = (
+        ("robot", escaped(posture.chain.robot.name)),
+        ("from – to", escaped(f"{posture.chain.base} – {posture.chain.tip_label}")),
+        ("pose", spans["caption-pose"]),
+        ("joints", spans["caption-joints"]),
+        ("samples", spans["caption-samples"]),
+        ("seed", escaped(str(seed))),
+        ("model", escaped(model_name)),
+        ("factor", f"<span id='caption-factor'>{first_factor:,g}</span>"),
+        ("drawn", f"<span id='caption-about'>{escaped(about)}</span>"),
+        *((name, escaped(text)) for name, text in caption),
+    )
+    listed = "".join(f"<li>{escaped(note)}</li>" for note in notes)
     label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
-    return _assembled(
-        scene.commands,
-        settings,
+    deflected = any(np.any(one.deflected) for one in data)
+    how = "deflected by its mean loads" if deflected else "the same as without error"
+    built = f"arms of {len(data[0].ghosts)} sampled robots, as built"
+    has_ghosts = all(one.ghosts for one in data)
+    none = "arms as built: none, the errors are not those of this seed"
+    drawn = [one for one in specifications if one.quantity.startswith("position")]
+    limits = "; ".join(map(limit_text, drawn)) or "none on the position; --spec states one"
+    lines = [
+        f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i>'
+        f"<span>{escaped(text)}</span></label></li>"
+        for name, mark, text, state in (
+            ("ghosts", "arm ghost", built if has_ghosts else none, "" if has_ghosts else " disabled"),
+            ("limit", "ball limit", f"limit: {limits}", " checked" if drawn else " disabled"),
+        )
+    ]
+    viewer, script = _scripts()
+    return string.Template(asset("page.html")).substitute(
+        policy=f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; "
+        "img-src data: blob:; base-uri 'none'; form-action 'none'",
+        style=asset("page.css"),
+        settings=_data(settings),
+        scene=_data([base64.b64encode(command).decode("ascii") for command in scene.commands]),
+        viewer=viewer,
+        script=script,
         title=escaped(title),
         headline=as_html(data[0].answers),
         remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
         label=label,
-        picture=_picture(
-            posture, poses[0].errors[:3] - about_mean * first_mean[:, None], first_factor, direction, label
-        ),
+        picture=_picture(posture, errors - about_mean * middle, first_factor, direction, label),
         still_about=" about their mean" if about_mean else "",
         zero_chosen="" if about_mean else " selected",
         mean_chosen=" selected" if about_mean else "",
@@ -178,17 +215,22 @@ def page(
         stops=", ".join(scale.stops),
         unit=scale.unit.name,
         ticks="".join(f"<span>{escaped(tick)}</span>" for tick in scale.ticks),
-        drawn=_element("drawn", texts),
-        inside_inner=_element("inside-inner", texts),
-        inside_outer=_element("inside-outer", texts),
-        frames=str(min(MOST_FRAMES, *(one.errors.shape[1] for one in poses))),
-        last_mcpc=str(len(frames) - 1),
+        drawn=spans["drawn"],
+        inside_inner=spans["inside-inner"],
+        inside_outer=spans["inside-outer"],
+        frames=str(min(MOST_FRAMES, errors.shape[1])),
+        last_mcpc=str(len(standing) - 1),
         grid=escaped(f"{spacing:g} m" if spacing >= 1 else f"{1e3 * spacing:g} mm"),
-        rows=_rows(posture, texts, seed, model_name, first_factor, _about(poses[0].errors[:3], about_mean), caption),
-        notes=_list(notes),
+        rows="\n".join(f"<tr><th scope='row'>{escaped(name)}</th><td>{text}</td></tr>" for name, text in rows),
+        notes=f"<h2>Notes</h2>\n<ul class='notes'>{listed}</ul>" if notes else "",
         layers="\n".join(layer.legend() for layer in layers),
-        **_legend_of_arms(data),
-        **_legend_of_limits(specifications, data, bool(common.groups.names)),
+        deflected=f"arm with every draw at its mean: {how}",
+        no_deflected="" if deflected else " disabled",
+        no_ellipsoids="" if any(one.ellipsoids for one in data) else " disabled",
+        # a drawn limit is among the first four
+        fourth=lines[bool(drawn)],
+        under_more=lines[not drawn],
+        no_shares="" if groups.names else " disabled",
     )
 
 
@@ -202,10 +244,10 @@ def _picture(posture: Posture, positions: Array, factor: float, direction: Array
         label: Description of the picture, escaped.
     """
     axes = scales.picture_axes(direction)
-    arm = axes @ np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]]).T
-    cloud = arm[:, -1:] + factor * (axes @ positions[:, :_DOTS])
+    arm = axes @ scales.joint_points(posture).T
+    cloud = arm[:, -1:] + factor * (axes @ positions[:, :400])
     low, high = (end(np.hstack([arm, cloud]), axis=1) for end in (np.min, np.max))
-    room = np.array(_PICTURE) - 2 * _PICTURE_MARGIN
+    room = np.array(_PICTURE) - 2 * 30
     per_metre = float((room / np.maximum(high - low, 1e-9)).min())
     middle = np.array(_PICTURE) / 2
 
@@ -228,8 +270,12 @@ def script_hashes() -> tuple[str, ...]:
 
     A frame with ``srcdoc`` inherits the policy of the page around it, which must allow them too.
     """
-    digests = (hashlib.sha256(code.encode("utf-8")).digest() for code in _scripts())
-    return tuple(f"'sha256-{base64.b64encode(digest).decode('ascii')}'" for digest in digests)
+    return tuple(map(source_hash, _scripts()))
+
+
+def source_hash(text: str) -> str:
+    """Return the source of a content security policy that allows an inline script or style."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
 
 
 def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
@@ -251,118 +297,14 @@ def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
     return poses
 
 
-def _draw_grid(scene: Scene, spacing: float) -> None:
-    reach = _GRID_HALF * spacing
-    ends = []
-    for step in range(-_GRID_HALF, _GRID_HALF + 1):
-        at = step * spacing
-        ends += [(at, -reach, 0.0), (at, reach, 0.0), (-reach, at, 0.0), (reach, at, 0.0)]
-    scene.segments(("grid",), np.array(ends).T, _GRID)
-
-
-def _legend_of_arms(data: Sequence[PoseData]) -> dict[str, str]:
-    """Return the legend's texts for the arms with errors, and the attribute that disables boxes without content."""
-    deflected = any(np.any(one.deflected) for one in data)
-    how = "deflected by its mean loads" if deflected else "the same as without error"
-    return {
-        "deflected": f"arm with every draw at its mean: {how}",
-        "no_deflected": "" if deflected else " disabled",
-        "no_ellipsoids": "" if any(one.ellipsoids for one in data) else " disabled",
-    }
-
-
-def _legend_of_limits(
-    specifications: Sequence[Specification], data: Sequence[PoseData], varies: bool
-) -> dict[str, str]:
-    """Return the lines of the limit and of the arms as built; a drawn limit is among the first four."""
-    ghosts = all(one.ghosts for one in data)
-    none = "arms as built: none, the errors are not those of this seed"
-    words = f"arms of {len(data[0].ghosts)} sampled robots, as built" if ghosts else none
-    built = _line("ghosts", "arm ghost", escaped(words), "" if ghosts else " disabled")
-    drawn = [one for one in specifications if one.quantity.startswith("position")]
-    text = escaped("; ".join(map(limit_text, drawn)) or "none on the position; --spec states one")
-    limit = _line("limit", "ball limit", f"limit: {text}", " checked" if drawn else " disabled")
-    first, second = (limit, built) if drawn else (built, limit)
-    return {"fourth": first, "under_more": second, "no_shares": "" if varies else " disabled"}
-
-
-def _line(name: str, mark: str, text: str, state: str) -> str:
-    return f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i><span>{text}</span></label></li>'
-
-
-def _limit(specification: Specification) -> dict[str, object]:
-    return {
-        "row": QUANTITIES.index(specification.quantity),
-        "limit": specification.limit,
-        "required": specification.required,
-        "text": limit_text(specification),
-    }
-
-
-def _rows(
-    posture: Posture,
-    texts: dict[str, str],
-    seed: int,
-    model_name: str,
-    factor: float,
-    about: str,
-    caption: Iterable[tuple[str, str]],
-) -> str:
-    chain = posture.chain
-    rows = [
-        ("robot", escaped(chain.robot.name)),
-        ("from – to", escaped(f"{chain.base} – {chain.tip_label}")),
-        ("pose", _element("caption-pose", texts)),
-        ("joints", _element("caption-joints", texts)),
-        ("samples", _element("caption-samples", texts)),
-        ("seed", escaped(str(seed))),
-        ("model", escaped(model_name)),
-        ("factor", f"<span id='caption-factor'>{factor:,g}</span>"),
-        ("drawn", f"<span id='caption-about'>{escaped(about)}</span>"),
-        *((name, escaped(text)) for name, text in caption),
-    ]
-    return "\n".join(f"<tr><th scope='row'>{escaped(name)}</th><td>{text}</td></tr>" for name, text in rows)
-
-
-def _about(positions: Array, is_about_mean: bool) -> str:
-    """Return the reference of the drawn errors, as the page's script also writes it."""
-    return f"from the mean error, which is {mean_size(positions)} mm" if is_about_mean else "from zero error"
-
-
-def _element(name: str, texts: dict[str, str]) -> str:
-    return f"<span id='{name}'>{escaped(texts[name])}</span>"
-
-
-def _list(notes: Sequence[str]) -> str:
-    if not notes:
-        return ""
-    return "<h2>Notes</h2>\n<ul class='notes'>" + "".join(f"<li>{escaped(note)}</li>" for note in notes) + "</ul>"
-
-
-def _assembled(commands: Sequence[bytes], settings: dict[str, object], **fields: str) -> str:
-    viewer, script = _scripts()
-    policy = (
-        f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; img-src data: blob:; "
-        "base-uri 'none'; form-action 'none'"
-    )
-    return string.Template(_asset("page.html")).substitute(
-        fields,
-        policy=policy,
-        style=_asset("page.css"),
-        settings=_data(settings),
-        scene=_data([base64.b64encode(command).decode("ascii") for command in commands]),
-        viewer=viewer,
-        script=script,
-    )
-
-
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """Return the text of a file in the folder ``assets``."""
     return importlib.resources.files(__package__).joinpath("assets", name).read_text("utf-8")
 
 
 def _scripts() -> tuple[str, str]:
     """Return the page's two scripts, MeshCat's viewer and our own, escaped for script elements."""
-    own = "".join(_asset(f"{name}.js") for name in _SCRIPTS)
+    own = "".join(asset(f"{name}.js") for name in _SCRIPTS)
     scripts = viewer_script(), f'"use strict";\n(function () {{\n{own}}})();'
     for code in scripts:
         if "</script" in code.lower() or "<!--" in code:

@@ -26,40 +26,29 @@ MOST_POSES: Final = 200
 FAR: Final = 3.0
 """Ratio of mean error to spread above which the mean is far from zero error."""
 
-# fraction of the picture's width that the drawn cloud should span, and the least that the arm and the line to the cloud
-# may
+# fraction of the picture's width that the drawn cloud should span
 _WANTED: Final = 0.27
-_LEAST_ARM: Final = 0.45
-# standard deviations that the visible cloud spans
-_SPAN: Final = 5.0
-# the picture's width by height, and the fraction of it that is filled
-_ASPECT: Final = 1.2
-_FILLED: Final = 0.9
-# from the side of the arm toward its front, degrees, the usual one first; and the angle from above
-_TURNS: Final = (20, 35, 50, 130, 145, 160)
-_RAISED: Final = 0.42
-_CLEARLY: Final = 0.8
 _DIGITS: Final = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
-_MOST: Final = 1e9
 
 
 def arm_length(posture: Posture) -> float:
     """Return the length (m) of the line from base over all joints to the tip; 1 m for an arm without length."""
-    points = _joints(posture)
+    points = joint_points(posture)
     length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     return length if length > 1e-9 else 1.0
 
 
 def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Array:
     """Return the viewing direction across the arm's plane, turned to a wide side of the errors ``(3, N)`` if given."""
-    points = _joints(posture)
+    points = joint_points(posture)
     spread = points[:, :2] - points[0, :2]
     farthest = spread[np.argmax(np.linalg.norm(spread, axis=1))]
     size = float(np.linalg.norm(farthest))
     front = farthest / size if size > 1e-6 * arm_length(posture) else np.array([1.0, 0.0])
     side = np.array([front[1], -front[0]])
-    turned = [np.deg2rad(angle) for angle in _TURNS]
-    directions = [np.array([*(np.cos(turn) * side + np.sin(turn) * front), _RAISED]) for turn in turned]
+    # from the side of the arm toward its front, the usual one first, all from somewhat above
+    turned = [np.deg2rad(angle) for angle in (20, 35, 50, 130, 145, 160)]
+    directions = [np.array([*(np.cos(turn) * side + np.sin(turn) * front), 0.42]) for turn in turned]
     if positions is None:
         return directions[0]
     errors = np.asarray(positions, dtype=float)
@@ -71,7 +60,7 @@ def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Arra
 
     widths = [seen_width(direction) for direction in directions]
     # the usual direction, unless another shows clearly more
-    return directions[0 if widths[0] >= _CLEARLY * max(widths) else int(np.argmax(widths))]
+    return directions[0 if widths[0] >= 0.8 * max(widths) else int(np.argmax(widths))]
 
 
 def middle_of(positions: ArrayLike) -> Array:
@@ -114,10 +103,10 @@ def default_factor(
     """
     errors = np.asarray(positions, dtype=float)
     axes = picture_axes(view_direction(posture, errors) if direction is None else direction)
-    arm = axes @ np.vstack([_joints(one) for one in (posture, *others)]).T
+    arm = axes @ np.vstack([joint_points(one) for one in (posture, *others)]).T
     tip, mean = axes @ posture.pose[:3, 3], axes @ errors.mean(axis=1)
     seen = axes @ errors - mean[:, None]
-    span = _SPAN * float(np.linalg.svd(seen, compute_uv=False)[0]) / math.sqrt(errors.shape[1])
+    span = 5.0 * float(np.linalg.svd(seen, compute_uv=False)[0]) / math.sqrt(errors.shape[1])
     negligible = 1e-15 * arm_length(posture)
     # if all samples coincide, the line to them must be visible
     span = span if span > negligible else float(np.linalg.norm(mean))
@@ -129,19 +118,19 @@ def default_factor(
         centre = tip + factor * mean
         half = factor * span / 2
         width = _picture_width(np.column_stack([arm, centre - half, centre + half]))
-        if whole < _LEAST_ARM * width:
+        if whole < 0.45 * width:
             return math.inf
         return abs(math.log(factor * span / width / _WANTED))
 
-    powers = [float(f"1e{power}") for power in range(round(math.log10(_MOST)))]
-    return min((digit * power for power in powers for digit in _DIGITS), key=misses)
+    return min((digit * float(f"1e{power}") for power in range(9) for digit in _DIGITS), key=misses)
 
 
-def _joints(posture: Posture) -> Array:
+def joint_points(posture: Posture) -> Array:
+    """Return the points of the line from base over all joints to the tip, ``(n + 2, 3)``, m."""
     return np.vstack([posture.link_poses[:, :3, 3], posture.pose[:3, 3]])
 
 
 def _picture_width(points: Array) -> float:
     """Return the width of a picture that shows points ``(2, N)``, m."""
     width, height = np.ptp(points, axis=1)
-    return max(float(width), _ASPECT * float(height)) / _FILLED
+    return max(float(width), 1.2 * float(height)) / 0.9
