@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.testing import assert_array_equal
 
 import precision_pin as pp
 from api.api_calls import model
@@ -126,7 +127,7 @@ def test_a_list_of_poses_may_mix_names_and_values() -> None:
     named = dict(zip(ARM.chain.joint_names, INSIDE, strict=True))
     result = pp.sample_poses(arm, ["home", INSIDE, named], samples=64)
     assert result.names == ("home", "", "")
-    np.testing.assert_array_equal(result.q, np.tile(np.array(INSIDE)[:, None], 3))
+    assert_array_equal(result.q, np.tile(np.array(INSIDE)[:, None], 3))
     with pytest.raises(pp.InputError, match="no pose named 'house'; did you mean 'home'"):
         pp.sample_poses(arm, ["home", "house"])
 

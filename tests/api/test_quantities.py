@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import precision_pin as pp
 from precision_pin.robot.chain import Chain
@@ -158,7 +159,7 @@ def test_none_is_forgotten() -> None:
 @pytest.mark.parametrize("name", CASES)
 def test_text_is_the_same_as_the_number_and_another_unit_is_refused(name: str) -> None:
     case = CASES[name]
-    np.testing.assert_allclose(case.make(case.text), case.make(case.si), rtol=1e-12, atol=1e-15)
+    assert_allclose(case.make(case.text), case.make(case.si), rtol=1e-12, atol=1e-15)
     with pytest.raises(pp.InputError) as caught:
         case.make(case.wrong)
     (finding,) = caught.value.findings

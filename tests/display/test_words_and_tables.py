@@ -13,11 +13,10 @@ import numpy as np
 import pandas
 import pytest
 import xarray
+from numpy.testing import assert_allclose, assert_array_equal
 
 import precision_pin as pp
-from outputs.report_cases import (
-    Reader,
-)
+from outputs.report_cases import Reader
 from precision_pin.analyses.collect import bracketed
 from precision_pin.analyses.exact_law.exact_law import LEVELS
 from precision_pin.base import units
@@ -157,7 +156,7 @@ def test_the_frame_of_the_samples_is_a_copy_of_them(analysis, model):
     frame = analysis.samples_to_pandas()
     assert list(frame.columns) == ["dx", "dy", "dz", "rx", "ry", "rz"]
     assert frame.index.name == "sample"
-    np.testing.assert_array_equal(frame.to_numpy(), analysis.errors.T)
+    assert_array_equal(frame.to_numpy(), analysis.errors.T)
     before = analysis.errors[0, 0]
     frame.loc[0, "dx"] = 1.0
     assert analysis.errors[0, 0] == before
@@ -194,7 +193,7 @@ def test_the_frame_of_a_budget_holds_what_the_json_does(results):
         shares = result.to_pandas(lines)["share"]
         assert shares.index.names == ["pose", level, "quantity"]
         # the shares of what causes the spread add up to one
-        np.testing.assert_allclose(shares.xs("position", level="quantity").groupby("pose").sum(), 1.0, rtol=1e-12)
+        assert_allclose(shares.xs("position", level="quantity").groupby("pose").sum(), 1.0, rtol=1e-12)
     assert frame.attrs["poses"]["pose 2"] == dict(zip(("joint1", "joint2", "joint3", "joint4"), FOLDED, strict=True))
 
 
@@ -276,7 +275,7 @@ def test_datasets_come_back_from_a_file_as_they_were_and_hold_what_the_frames_do
         for level in frame.index.names:
             assert dataset[level].to_numpy().tolist() == frame.index.unique(level).tolist()
         for column in frame.columns:
-            np.testing.assert_array_equal(dataset[column].to_numpy().ravel(), frame[column].to_numpy())
+            assert_array_equal(dataset[column].to_numpy().ravel(), frame[column].to_numpy())
 
 
 @pytest.mark.slow

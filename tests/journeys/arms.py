@@ -86,7 +86,6 @@ ARMS = {
     arm.name: arm
     for arm in (
         Arm("4dof", "4dof.urdf", "tool"),
-        Arm("ur5", "example:ur5", "tool0"),
         Arm("panda", "example:panda", "panda_hand_tcp"),
         Arm("gantry", "gantry.urdf", "tool"),
         Arm("scara", "scara.urdf", "tool"),
@@ -223,10 +222,10 @@ def ranked(sheet: Path, budget: Any) -> list[Tolerance]:
 READERS: dict[str, tuple[str, ...]] = {
     "analyze": ("--samples", "200"),
     "budget": ("--samples", "1024"),
-    "worst-case": (),
-    "exact-law": (),
-    "reliability": ("--spec", "5 mm @ 90 %"),
-    "moments": (),
+    "worst-case": ("--samples", "200"),
+    "exact-law": ("--samples", "2000"),
+    "reliability": ("--spec", "5 mm @ 90 %", "--samples", "2000"),
+    "moments": ("--samples", "4096"),
     "iso9283": ("--robots", "20", "--cycles", "2"),
     "check": (),
     "mcpc": (),

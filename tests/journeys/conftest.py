@@ -58,5 +58,5 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
 
 @pytest.fixture
 def arm(request: pytest.FixtureRequest) -> Arm:
-    """Return the arm of a name; each journey takes one or two of the five, and each arm a journey or test_pairs."""
+    """Return the arm of a name; each journey takes one of them, and each arm a journey or test_pairs."""
     return ARMS[request.param]

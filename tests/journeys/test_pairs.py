@@ -70,11 +70,13 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
 
 
 SHEETS = {
-    "init": SHEET,
     "allocate --out": "chosen/allocated.errors.yaml",
-    "calibrate --sheet": "mine.errors.yaml",
     "calibrate --population --sheet": "shop.errors.yaml",
+    "calibrate --sheet": "mine.errors.yaml",
 }
+
+
+"""Beside that of ``init``, which every command reads for the screen of 24 rows."""
 
 
 ROBOTS = {"export": "robots/scara.unit0000.urdf", "calibrate --urdf": "mine.urdf"}

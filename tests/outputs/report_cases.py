@@ -63,7 +63,7 @@ def silent(what: str, samples: int) -> Iterator[object]:
 @cache
 def paper() -> tuple[Results, str]:
     """Return the results of the paper's case and its page."""
-    results = results_of(PAPER_SHEET)
+    results = results_of(PAPER_SHEET, samples=SAMPLES)
     return results, page(results)
 
 

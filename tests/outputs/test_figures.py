@@ -11,6 +11,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from numpy.testing import assert_allclose
 
 import precision_pin as pp
 from precision_pin.analyses.budget.budget import budget
@@ -27,9 +28,9 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.pages.view import drawing
 from precision_pin.pages.view.drawing import Camera, Cloud, draw_picture, draw_triangles
 from precision_pin.render.display_units import WrittenUnit
-from precision_pin.render.draw_distribution import display_unit
 from precision_pin.render.scene import Triangles
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
@@ -66,13 +67,11 @@ def errors_of(case: str) -> np.ndarray:
         "no spread": np.full((6, 500), 1e-2) * np.array([1, 0, 0, 1, 1, -1])[:, None],
         "far and narrow": noise * 1e-9 - 37e-3,
         "unequal components": noise * 10.0 ** np.array([-2, -5, -8, -2, -6, -10])[:, None],
-        "large": noise * 1.0 + 20.0,
-        "outliers": usual * np.where(generator.random(5000) < 1e-3, 100.0, 1.0),
     }
     return cases[case]
 
 
-CASES = ("offset", "one sample", "no spread", "far and narrow", "unequal components", "large", "outliers")
+CASES = ("offset", "one sample", "far and narrow", "unequal components")
 
 
 def figures_of(summary: Summary) -> dict[str, Figure]:
@@ -180,7 +179,7 @@ def test_marks_name_mean_quantiles_limits_samples_and_seed() -> None:
     assert lower.get_ylabel() == "cumulative probability"
     places = [line.get_xdata()[0] for line in upper.get_lines()]
     expected = [summary.position.norm.mean, *map(summary.position.norm.quantile, (0.95, 0.9973)), 38.5e-3]
-    np.testing.assert_allclose(places, np.array(expected) * 1e3, rtol=1e-12)
+    assert_allclose(places, np.array(expected) * 1e3, rtol=1e-12)
 
 
 def test_limits_beyond_the_axis_are_named_and_both_sides_of_a_component_drawn() -> None:
@@ -189,7 +188,10 @@ def test_limits_beyond_the_axis_are_named_and_both_sides_of_a_component_drawn() 
     assert any(label.startswith("limit 100 mrad (beyond this axis)") for label in labels)
     axes = plots.histogram(summary.position.y, specifications=summary.specifications)
     places = [line.get_xdata()[0] for line in axes.get_lines()[-2:]]
-    np.testing.assert_allclose(places, [-1.5, 1.5], rtol=1e-12)
+    assert_allclose(places, [-1.5, 1.5], rtol=1e-12)
+    for case, said in (("one sample", "one sample"), ("no spread", "all equal")):
+        panel = plots.histogram(summary_of(errors_of(case)).position.x)
+        assert [text.get_text() for text in panel.texts] == [said]
     few = legend_of(plots.figure_position(summary_of(errors_of("five samples"))))
     assert few[:3] == [f"{name}: not resolved" for name in ("mean", "95 % quantile", "99.73 % quantile")]
 
@@ -215,14 +217,6 @@ def test_values_that_hardly_differ_are_drawn_from_a_round_number() -> None:
     assert high - low < 10
 
 
-def test_units_suit_the_size() -> None:
-    for size, position, attitude in (
-        (0.0, "mm", "mrad"), (50.0, "m", "rad"), (5.0, "mm", "mrad"), (2e-4, "mm", "mrad"), (5e-5, "µm", "µrad")
-    ):  # fmt: skip
-        summary = summary_of(np.full((6, 3), size))
-        assert (display_unit(summary.position.x).name, display_unit(summary.attitude.z).name) == (position, attitude)
-
-
 def test_a_panel_takes_a_smaller_unit_where_its_labels_would_grow_long() -> None:
     figure = plots.figure_components(summary_of(errors_of("unequal components")))
     labels = ["dx [mm]", "dy [mm]", "dz [nm]", "δx [mrad]", "δy [µrad]", "δz [nrad]"]
@@ -242,15 +236,6 @@ def test_given_axes_are_drawn_on_and_keep_their_figure() -> None:
     assert not figure.legends
     marks = [label.split(":")[0] for label in left.get_legend_handles_labels()[1]]
     assert marks == ["mean", "5 % quantile", "95 % quantile"]
-
-
-def test_colours_are_okabe_and_itos() -> None:
-    palette = {"#000000", "#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7"}
-    summary = summary_of(errors_of("offset"))
-    lines = [line for axes in plots.figure_position(summary).axes for line in axes.get_lines()]
-    assert {mpl.colors.to_hex(line.get_color()) for line in lines} <= palette
-    marked = {(line.get_color(), str(line.get_linestyle())) for line in lines[:4]}
-    assert len(marked) >= 3
 
 
 # what a limit and a scale look like ----------------------------------------------------------------------------------
@@ -315,7 +300,6 @@ def test_every_result_draws_itself_or_on_given_axes_and_names_robot_pose_n_and_s
         for part in ("4dof.urdf", "at pose paper", f"N = {N:,}", "seed 7"):
             assert part in words, name
         assert not {"SI", "spherical triangles"} & set(words.split())
-        assert figure._repr_png_()[:4] == b"\x89PNG"
         for quantity in ("position", "attitude"):
             axes = Figure().subplots()
             if (name, quantity) == ("reliability", "attitude"):
@@ -326,7 +310,9 @@ def test_every_result_draws_itself_or_on_given_axes_and_names_robot_pose_n_and_s
                 assert axes.has_data()
 
 
-def test_wrong_arguments_get_one_line(results):
+@pytest.mark.slow
+def test_wrong_arguments_get_one_line_and_a_notebook_a_picture(results):
+    assert results["budget"].plot()._repr_png_()[:4] == b"\x89PNG"
     with pytest.raises(UnknownNameError, match="position"):
         results["budget"].plot(quantity="speed")
     with pytest.raises(InputError, match="pose must be a whole number from 0 to 0"):
@@ -488,40 +474,25 @@ def test_long_thin_and_far_triangles_cost_no_more_than_they_show():
     assert covered(image_of(Triangles())) == 0
 
 
-def test_the_camera_is_a_right_handed_frame_with_the_base_upright():
-    for azimuth in (0.3, 2.0, 5.0):
-        axes = Camera(azimuth, 0.4).axes
-        assert axes @ axes.T == pytest.approx(np.eye(3))
-        assert np.linalg.det(axes) == pytest.approx(1)
-        assert axes[0, 2] == 0
-        assert axes[1, 2] > 0
-
-
 @pytest.mark.slow
-def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at):
-    generator = np.random.default_rng(3)
-    errors = 1e-3 * generator.standard_normal((3, 2000))
-    arm = 2.5  # m, about what the paper's arm is wide
-    for scale in (0.03, 40.0):
-        picture = draw_picture(at.posture, Cloud(scale * errors))
-        width = picture.factor * scale * 1e-3 * 2 * 2.33  # 98 % of a normal law
-        assert picture.factor >= 1
-        if picture.factor > 1:
-            assert 0.15 * arm < width < 0.5 * arm
-    near = draw_picture(at.posture, Cloud(errors, 2.8e-3, 6e-3))
+def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at, monkeypatch):
+    monkeypatch.setattr(drawing, "_OVERSAMPLING", 1)
+    errors = 1e-3 * np.random.default_rng(3).standard_normal((3, 2000))
     far = draw_picture(at.posture, Cloud(errors, 2.8e-3, 1.0))
-    assert near.shows_limit
+    width = far.factor * 1e-3 * 2 * 2.33  # 98 % of a normal law
+    assert 0.15 * 2.5 < width < 0.5 * 2.5  # m, about what the paper's arm is wide
     assert not far.shows_limit
+    assert draw_picture(at.posture, Cloud(errors, 2.8e-3, 6e-3)).shows_limit
     assert draw_picture(at.posture, Cloud(0 * errors)).factor == 1
     # drawn from an error far away, the cloud is as large as it is about zero; a limit is about zero
     moved = Cloud(errors + np.reshape([36e-3, 0.0, 0.0], (3, 1)), 2.8e-3, 42e-3, True, (36e-3, 0.0, 0.0))
     from_mean = draw_picture(at.posture, moved)
-    assert from_mean.factor == draw_picture(at.posture, Cloud(errors, 2.8e-3)).factor
+    assert from_mean.factor == far.factor
     assert not from_mean.shows_limit
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("middle", "limit"), [(36e-3, 42e-3), (36e-3, 60e-3), (0.0, 2e-3)])
+@pytest.mark.parametrize(("middle", "limit"), [(36e-3, 42e-3), (0.0, 2e-3)])
 def test_the_texts_of_a_picture_do_not_overlap(at, middle, limit):
     """A limit about a cloud far from the tip reaches down to the scale of the errors."""
     errors = 1e-3 * np.random.default_rng(3).standard_normal((3, 500)) + [[middle], [0.0], [0.0]]

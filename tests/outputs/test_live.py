@@ -22,7 +22,7 @@ from types import SimpleNamespace
 
 import psutil
 import pytest
-from playwright.sync_api import BrowserContext, Page
+from playwright.sync_api import Page
 
 from outputs.view_cases import arm_text, made_up_errors
 from precision_pin.base.errors import Finding, InputError, OutputError, SheetError
@@ -31,7 +31,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import ViewPose, page
 from precision_pin.pages.view.live import serve
 from precision_pin.robot.chain import Chain
-from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
+from support.browser import complaints, needs_chromium, outside_requests, visited
 
 HOSTILE = "</title><script>document.title = 'owned'</script><img src=x onerror=alert(1)>\u202e"
 
@@ -289,26 +289,6 @@ def test_coarse_stamps_hide_no_change(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_large_file_is_read_once(tmp_path, monkeypatch):
-    opened = []
-    genuine = Path.open
-
-    def counted(self, *arguments, **more):
-        opened.append(self)
-        return genuine(self, *arguments, **more)
-
-    mesh = tmp_path / "link.stl"
-    mesh.write_bytes(b"solid")
-    # ctime cannot be set back: the test's clock is ahead
-    ahead = time.time_ns() + 10**10
-    monkeypatch.setattr(time, "time_ns", lambda: ahead)
-    monkeypatch.setattr(Path, "open", counted)
-    with serving(lambda: "page", mesh):
-        time.sleep(0.6)
-        assert opened == [mesh]
-
-
-@pytest.mark.slow
 def test_a_file_in_the_middle_of_being_written_is_left_alone(served, sheet):
     # of a writer that the machine stopped for longer than the server waits, a half would rightly be read: try again
     for number in range(5):
@@ -364,14 +344,6 @@ def test_what_is_wrong_is_announced_and_shown_as_text_until_it_is_right(served, 
     assert served.get("/page")[2].decode() == small_page("back")
 
 
-def test_the_first_page_must_come_out_right(sheet):
-    sheet.path.write_text("wrong", "utf-8")
-    announced = []
-    with pytest.raises(SheetError, match="a length has the unit kg"):
-        serve(sheet.page, [sheet.path], open_browser=False, announce=announced.append)
-    assert announced == []
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("problem", [ZeroDivisionError, KeyboardInterrupt])
 def test_a_bug_or_ctrl_c_while_the_page_is_made_ends_the_server_and_frees_the_port(tmp_path, problem):
@@ -390,12 +362,6 @@ def test_a_bug_or_ctrl_c_while_the_page_is_made_ends_the_server_and_frees_the_po
 
 
 # in the browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[BrowserContext]:
-    with chromium() as context:
-        yield context
 
 
 def await_text(page: Page, selector: str, text: str) -> None:
@@ -464,27 +430,6 @@ def test_the_browser_follows_the_file_through_an_error_and_keeps_what_was_set(br
         await_text(visit.page, "h1", "three")
 
 
-@pytest.mark.slow
-@needs_chromium
-def test_another_site_can_neither_frame_nor_read_it(browser, steady, tmp_path):
-    (tmp_path / "other.html").write_text("<!DOCTYPE html>", "utf-8")
-    visit = visited(browser, tmp_path / "other.html")
-    readable = "async (url) => { try { return await (await fetch(url)).text(); } catch { return 'refused'; } }"
-    for path in ("", "page", "version"):
-        assert visit.page.evaluate(readable, steady.address + path) == "refused"
-        visit.page.evaluate(
-            """(url) => new Promise((loaded) => {
-              const frame = document.createElement('iframe');
-              frame.src = url;
-              frame.onload = loaded;
-              document.body.append(frame);
-            })""",
-            steady.address + path,
-        )
-    assert len([line for line in visit.console if "frame-ancestors" in line]) >= 3
-    assert not [frame for frame in visit.page.frames if frame.url.startswith(steady.address)]
-
-
 # how it begins and ends
 
 
@@ -502,8 +447,7 @@ def test_a_browser_is_opened_and_may_take_its_time(monkeypatch, sheet):
 
 
 @pytest.mark.parametrize(
-    "found",
-    [webbrowser.Error("could not locate runnable browser"), OSError(2, "No such file"), "/usr/bin/w3m"],
+    "found", [webbrowser.Error("could not locate runnable browser"), OSError(2, "No such file"), "/usr/bin/w3m"]
 )
 def test_no_browser_or_one_for_the_terminal_is_no_error(monkeypatch, sheet, found):
     asked = threading.Event()

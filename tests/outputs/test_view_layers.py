@@ -6,17 +6,15 @@ import html
 import json
 import re
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import BrowserContext
+from numpy.testing import assert_allclose
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
-from outputs.view_cases import Node, arm_text, data_block, nodes_of, page_at
+from outputs.view_cases import Node, arm_text, data_block, nodes_of, opened, page_at
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.figure import (
     MOST_DRAWN,
@@ -36,7 +34,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sources import JointOffset
-from support.browser import Visit, chromium, complaints, needs_chromium, visited
+from support.browser import complaints, needs_chromium
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")]
 
@@ -92,14 +90,14 @@ def test_lines_are_the_readings_of_the_file_less_the_target_of_the_calibrated_ar
         tip = result.predict(np.radians(values[:4]))
         target = tip[:3, 3] + tip[:3, :3] @ OFF_AXIS
         measured = (inverse @ [*(np.array(values[4:]) / 1e3), 1.0])[:3]
-        np.testing.assert_allclose(point, target, atol=1e-6)
-        np.testing.assert_allclose(residual, measured - target, atol=2e-9)
+        assert_allclose(point, target, atol=1e-6)
+        assert_allclose(residual, measured - target, atol=2e-9)
     # the worst is first, the gross error
     sizes = dict(zip(result.data.lines, np.linalg.norm(result.residuals[:, :3], axis=1), strict=True))
     assert found["rows"] == sorted(sizes, key=lambda line: -sizes[line])
     assert (found["rows"][0], found["gross"]) == (ROW, [0])
     # nothing varies from visit to visit, so that the noise is that of the instrument
-    np.testing.assert_allclose(layer.worst.deviations[1:], layer.worst.sizes[1:] / 20e-6, rtol=1e-6)
+    assert_allclose(layer.worst.deviations[1:], layer.worst.sizes[1:] / 20e-6, rtol=1e-6)
     assert layer.worst.deviations[0] == result.gross_errors[0].deviations
 
 
@@ -136,12 +134,12 @@ def test_a_residual_is_drawn_along_the_direction_that_is_measured(measurement):
     result = pp.calibrate(model, (q, readings_of(model, q, measurement, seed=2)), measurement)
     worst = CalibrationLayer.of(result).worst
     own = result.residuals[worst.rows]
-    np.testing.assert_allclose(np.linalg.norm(worst.after, axis=0), np.linalg.norm(own[:, :3], axis=1), rtol=1e-5)
-    np.testing.assert_allclose(worst.sizes, np.linalg.norm(own[:, :3], axis=1))
+    assert_allclose(np.linalg.norm(worst.after, axis=0), np.linalg.norm(own[:, :3], axis=1), rtol=1e-5)
+    assert_allclose(worst.sizes, np.linalg.norm(own[:, :3], axis=1))
     for k, row in enumerate(worst.rows):
         tip = result.predict(q[:, row])
         target = tip[:3, 3] + tip[:3, :3] @ result.set_up.target
-        np.testing.assert_allclose(worst.points[:, k], target, atol=1e-12)
+        assert_allclose(worst.points[:, k], target, atol=1e-12)
         if measurement.kind == "distance":
             sight = target - result.set_up.anchor
             along = own[k, 0] * sight / np.linalg.norm(sight)
@@ -155,7 +153,7 @@ def test_a_residual_is_drawn_along_the_direction_that_is_measured(measurement):
         else:
             placed = result.set_up.base
             along = placed[:3, :3].T @ (result.data.readings[row, :3] - placed[:3, 3]) - target
-        np.testing.assert_allclose(worst.after[:, k], along, atol=1e-11)
+        assert_allclose(worst.after[:, k], along, atol=1e-11)
 
 
 # what is said ------------------------------------------------------------------------------------
@@ -209,19 +207,6 @@ def test_many_readings_are_few_lines(calibrated):
     assert f"the worst {MOST_DRAWN} of 10,000 readings" in layer.legend()
     assert len(json.dumps(found)) < 40_000
     assert 'id="calibration-before">' in layer.legend()
-
-
-def test_one_reading_without_residual():
-    model, q = small_model(), random_poses(4, 1)
-    exact = model.chain.at_columns(q).pose[:3, 3].T
-    layer = CalibrationLayer.of(pp.calibrate(model, (q, exact), pp.Measurement(std=20e-6)))
-    found = layer.settings(1.0)
-    assert (found["times"], found["largest"]) == (1.0, 0.0)
-    assert np.allclose(found["after"], 0.0, atol=1e-15)
-    for words in ("the reading: line", "row 1: 0 mm, 0 std"):
-        assert words in layer.legend()
-    calibration_page(layer)
-    calibration_chapter(layer.result)
 
 
 # the report --------------------------------------------------------------------------------------
@@ -334,17 +319,17 @@ def test_a_press_marks_a_reading(calibrated, context, tmp_path):
     assert times == own["times"]
     drawn = times * after
     is_whole = np.linalg.norm(drawn, axis=1) <= own["longest"]
-    np.testing.assert_allclose(np.array(start["balls"])[is_whole], (points + drawn)[is_whole], atol=1e-5)
+    assert_allclose(np.array(start["balls"])[is_whole], (points + drawn)[is_whole], atol=1e-5)
     assert start["seen"] == is_whole.tolist()
     assert not is_whole[0]
     assert start["row"] == ROW
-    np.testing.assert_allclose(start["at"], points[0], atol=1e-6)
+    assert_allclose(start["at"], points[0], atol=1e-6)
     # by the keyboard
     page.locator('[data-reading="3"]').focus()
     page.keyboard.press("Enter")
     then = page.evaluate(STATE)
     assert (then["row"], then["parts"]) == (own["rows"][3], 2)
-    np.testing.assert_allclose(then["at"], points[3], atol=1e-6)
+    assert_allclose(then["at"], points[3], atol=1e-6)
     pressed = page.eval_on_selector_all("[data-reading]", "all => all.map((one) => one.ariaPressed)")
     assert pressed == ["true" if k == 3 else "false" for k in range(8)]
     assert (start["thin"], start["shown"]) == (True, True)
@@ -356,30 +341,8 @@ def test_a_press_marks_a_reading(calibrated, context, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[BrowserContext]:
-    with chromium(viewport={"width": 800, "height": 700}) as context:
-        yield context
-
-
-@pytest.fixture
-def context(browser: BrowserContext) -> Iterator[BrowserContext]:
-    yield browser
-    for page in browser.pages:
-        page.close()
-
-
-def opened(context: BrowserContext, folder: Path, text: str) -> Visit:
-    path = folder / "page.html"
-    path.write_text(text, "utf-8")
-    visit = visited(context, path)
-    visit.page.wait_for_selector("body[data-ready=yes]")
-    return visit
-
-
-@pytest.fixture(scope="module")
-def compensated():
+def compensated(model):
     """Return the model, the compensation of three poses of the paper's arm, and its layer."""
-    model = pp.ErrorModel.load(PAPER_SHEET)
     q = model.configuration("paper")[:, None] + np.outer([0.5, 0.3, -0.2, 0], [0, 0.5, 1])
     made = pp.compensate(model, q)
     return model, made, CompensationLayer.of(made, model)
@@ -391,11 +354,11 @@ def test_the_tips_are_those_of_the_exact_model(compensated):
     assert pose == np.linalg.norm(made.correction.before[:3], axis=0).argmax()
     deflected, commanded, corrected = layer.arms[:, :, -1]
     mean = model.space.mean[:, None]
-    np.testing.assert_allclose(deflected, model.at(made.poses.q[:, pose]).exact(mean)[:3, 0], atol=1e-9)
-    np.testing.assert_allclose(corrected, 0, atol=1e-9)
+    assert_allclose(deflected, model.at(made.poses.q[:, pose]).exact(mean)[:3, 0], atol=1e-9)
+    assert_allclose(corrected, 0, atol=1e-9)
     at = model.at(made.corrected[:, pose])
-    np.testing.assert_allclose(commanded, at.posture.pose[:3, 3] - made.poses.position[:, pose], atol=1e-12)
-    np.testing.assert_allclose(commanded, -at.exact(mean)[:3, 0], atol=1e-9)
+    assert_allclose(commanded, at.posture.pose[:3, 3] - made.poses.position[:, pose], atol=1e-12)
+    assert_allclose(commanded, -at.exact(mean)[:3, 0], atol=1e-9)
 
 
 def test_a_displaced_joint_stays_at_the_end_of_its_displaced_link(tmp_path):
@@ -405,7 +368,7 @@ def test_a_displaced_joint_stays_at_the_end_of_its_displaced_link(tmp_path):
     model = pp.ErrorModel(Chain.from_urdf(path, tip="tool"), Space(), [JointOffset(joint="turn", offset=Fixed(0.01))])
     at = model.at([0.4, -0.7])
     expected = se3.rotation_about((0, 0, 1), 0.01) @ _joints(at.posture)
-    np.testing.assert_allclose(_displaced(at), expected, atol=1e-12)
+    assert_allclose(_displaced(at), expected, atol=1e-12)
 
 
 def test_the_page_says_what_it_draws(compensated):
@@ -421,7 +384,6 @@ def test_the_page_says_what_it_draws(compensated):
     assert any(path.endswith("/compensation/wanted") for path in nodes_of(text))
 
 
-@pytest.mark.slow
 def test_a_pose_without_a_correction_is_said(compensated):
     model, _, _ = compensated
     far = model.configuration("paper").copy()
@@ -432,19 +394,6 @@ def test_a_pose_without_a_correction_is_said(compensated):
     assert chapter.answers == ("Compensation: no pose has a correction: limit",)
     assert chapter.layer is not None
     assert chapter.layer.settings(1.0)["lines"] == []
-
-
-@pytest.mark.slow
-@needs_chromium
-def test_the_arms_are_drawn_as_large_as_the_legend_says(compensated, context, tmp_path):
-    model, _, layer = compensated
-    visit = opened(context, tmp_path, page_at(model, layers=[layer]))
-    balls = """() => precisionPin.viewer.scene_tree.find(["meshcat", "compensation"]).object.children
-      .filter((one) => one.isMesh && one.geometry.type === "SphereGeometry").map((one) => one.position.toArray())"""
-    times = float(visit.page.inner_text("#compensation-times"))
-    found = np.reshape(visit.page.evaluate(balls), (3, -1, 3)).swapaxes(1, 2)
-    np.testing.assert_allclose(found, layer.nominal + times * layer.arms, atol=1e-5)
-    assert complaints(visit) == []
 
 
 AWAY = np.array([1.0, 2.0, 3.0])
@@ -483,9 +432,9 @@ def test_every_place_has_a_mark_coloured_by_its_worst_pose(mapped):
     assert set(marks) == {"level0", "level16", "unreached"}
     worst = 0 if of_place["first"] > of_place["second"] else 2
     places = found.poses.position.T
-    np.testing.assert_allclose(centres(marks["level16"]), places[[worst]], atol=1e-6)
-    np.testing.assert_allclose(centres(marks["level0"]), places[[2 - worst]], atol=1e-6)
-    np.testing.assert_allclose(centres(marks["unreached"]), [AWAY], atol=1e-6)
+    assert_allclose(centres(marks["level16"]), places[[worst]], atol=1e-6)
+    assert_allclose(centres(marks["level0"]), places[[2 - worst]], atol=1e-6)
+    assert_allclose(centres(marks["unreached"]), [AWAY], atol=1e-6)
     # light for small, dark for large, as the bar says
     light, dark = (marks[name].object["materials"][0]["color"] for name in ("level0", "level16"))
     assert sum(light.to_bytes(3)) > sum(dark.to_bytes(3))
@@ -497,25 +446,14 @@ def test_the_legend_counts_the_places_and_states_the_ends_of_the_scale(mapped):
     ticks = text.partition('aria-label="Map"')[2].partition("</p>")[0]
     sizes = 1e3 * np.array([max(found.quantile[1, 0, :2]), found.quantile[1, 0, 2]])
     shown = [float(tick.partition("<")[0]) for tick in ticks.split("<span>")[1:]]
-    np.testing.assert_allclose([shown[0], shown[-1]], sorted(sizes), atol=0.5)  # written in whole mm
+    assert_allclose([shown[0], shown[-1]], sorted(sizes), atol=0.5)  # written in whole mm
     assert "show-map" not in without
     assert (data_block(text, "settings")["layers"], data_block(without, "settings")["layers"]) == ({"map": {}}, {})
 
 
-@pytest.mark.slow
-@needs_chromium
-def test_the_box_switches_the_map_off(mapped, context, tmp_path):
-    visit = opened(context, tmp_path, mapped[1])
-    assert visit.page.evaluate("precisionPin.state().seen.map") is True
-    visit.page.uncheck("#show-map")
-    assert visit.page.evaluate("precisionPin.state().seen.map") is False
-    assert complaints(visit) == []
-
-
 @pytest.fixture(scope="module")
-def followed():
+def followed(model):
     """Return the law along five poses of the paper's arm, and its page."""
-    model = pp.ErrorModel.load(PAPER_SHEET)
     q = model.configuration("paper")[:, None] + np.outer([0.5, 0.3, -0.2, 0], np.linspace(0, 1, 5))
     found = pp.path_law(model, q, samples=400)
     return found, page_at(model, layers=[PathLayer.of(found)])
@@ -527,14 +465,14 @@ def test_the_line_leads_through_the_points(followed):
     data = node.object["geometries"][0]["data"]["attributes"]["position"]["array"]
     ends = np.frombuffer(data.data, "<f4").reshape(-1, 2, 3)
     points = found.poses.position.T
-    np.testing.assert_allclose(ends, np.stack([points[:-1], points[1:]], axis=1), atol=1e-6)
+    assert_allclose(ends, np.stack([points[:-1], points[1:]], axis=1), atol=1e-6)
 
 
 def test_the_numbers_are_those_of_the_path(followed):
     found, text = followed
     numbers = data_block(text, "settings")["layers"]["path"]
-    np.testing.assert_allclose(numbers["band"], found.band[0], rtol=1e-6)
-    np.testing.assert_allclose(numbers["quantile"], found.curve[0], rtol=1e-6)
+    assert_allclose(numbers["band"], found.band[0], rtol=1e-6)
+    assert_allclose(numbers["quantile"], found.curve[0], rtol=1e-6)
     assert numbers["worst"] == found.worst_pose(0)
     legend = text.partition('aria-label="Path"')[2].partition("</section>")[0]
     low, high = found.maximum_quantile(0, 0.95).interval
@@ -545,24 +483,24 @@ def test_the_numbers_are_those_of_the_path(followed):
     assert f"most have their largest error at {found.poses.labels[found.worst_pose(0)]}" in legend
 
 
-@pytest.mark.slow
-def test_colours_do_not_show_the_scatter_of_samples():
-    model = pp.ErrorModel.load(PAPER_SHEET)
-    q = model.configuration("paper")[:, None] + np.outer([1, 0, 0, 0], np.linspace(0, 1, 4))
-    found = pp.path_law(model, q, samples=400)
-    scale = PathLayer.of(found).scale
-    assert np.ptp(found.curve[0]) < 0.05 * found.curve[0].max()
-    assert scale.smallest <= 0.9 * found.curve[0].max()
-
-
-@pytest.mark.slow
 @needs_chromium
-def test_the_tubes_are_as_wide_as_the_legend_says(followed, context, tmp_path):
-    found, text = followed
+def test_layers_are_drawn_as_large_as_the_legend_says_and_switched_off(
+    compensated, mapped, followed, context, tmp_path
+):
+    found, layer = followed[0], compensated[2]
+    text = page_at(compensated[0], layers=[layer, PlacesData.of(mapped[0]), PathLayer.of(found)])
     corners = """(mesh) => Array.from(precisionPin.viewer.scene_tree.find(["meshcat", "path"]).object.children
       .filter((one) => one.isMesh && one.geometry.index && one.geometry.attributes.color)[mesh]
       .geometry.attributes.position.array)"""
     visit = opened(context, tmp_path, text)
+    balls = """() => precisionPin.viewer.scene_tree.find(["meshcat", "compensation"]).object.children
+      .filter((one) => one.isMesh && one.geometry.type === "SphereGeometry").map((one) => one.position.toArray())"""
+    times = float(visit.page.inner_text("#compensation-times"))
+    arms = np.reshape(visit.page.evaluate(balls), (3, -1, 3)).swapaxes(1, 2)
+    assert_allclose(arms, layer.nominal + times * layer.arms, atol=1e-5)
+    assert visit.page.evaluate("precisionPin.state().seen.map") is True
+    visit.page.uncheck("#show-map")
+    assert visit.page.evaluate("precisionPin.state().seen.map") is False
     settings = data_block(text, "settings")
     points = found.poses.position.T
     for times in (1.0, 3.0):
@@ -575,7 +513,7 @@ def test_the_tubes_are_as_wide_as_the_legend_says(followed, context, tmp_path):
         for mesh, radii in enumerate((found.curve[0], found.band[0])):
             away = np.reshape(visit.page.evaluate(corners, mesh), (5, 16, 3)) - points[:, None]
             widths = np.linalg.norm(away, axis=2)
-            np.testing.assert_allclose(widths, np.tile(said * radii[:, None], 16), rtol=0.01)
+            assert_allclose(widths, np.tile(said * radii[:, None], 16), rtol=0.01)
             way = points[2] - points[0]
-            np.testing.assert_allclose(away[1] @ way, 0, atol=1e-3 * widths[1, 0] * np.linalg.norm(way))
+            assert_allclose(away[1] @ way, 0, atol=1e-3 * widths[1, 0] * np.linalg.norm(way))
     assert complaints(visit) == []

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import umsgpack
@@ -187,3 +188,15 @@ class Tags(HTMLParser):
             self.scripts.append((last[1], data))
         elif self.cdata_elem is None:
             self.words.append(data)
+
+
+def opened(context: Any, folder: Path, text: str, fragment: str = "") -> Any:
+    """Open a page in a browser, with all of its panel, and return the visit."""
+    from support.browser import visited  # importing Playwright takes its time
+
+    path = folder / "page.html"
+    path.write_text(text, "utf-8")
+    visit = visited(context, path.as_uri() + fragment)
+    visit.page.wait_for_selector("body[data-ready=yes]", state="attached")
+    visit.page.evaluate("document.getElementById('more').open = true")
+    return visit

@@ -121,10 +121,10 @@ def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], uni
         ruler.unit == unit and ruler.origin == 0 and 0.05 * max(spans) <= span
         for ruler, span in zip(rulers, spans, strict=True)
     ]
-    limits = [one.get_xlim() for one, is_alike in zip(axes, alike, strict=True) if is_alike]
-    for one, is_alike in zip(axes, alike, strict=True):
-        if is_alike:
-            one.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
+    shared = [one for one, is_alike in zip(axes, alike, strict=True) if is_alike]
+    limits = [one.get_xlim() for one in shared]
+    for one in shared:
+        one.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
     return alike if sum(alike) > 1 else [False] * len(alike)
 
 

@@ -173,11 +173,6 @@ COLOURS: Final = {
 }
 """CSS variables of the figures' colours."""
 
-_COLOUR: Final = re.compile(r"#[0-9a-fA-F]{6}\b")
-_REFERENCE: Final = re.compile(r"url\(#([^)]*)\)")
-_IMAGE: Final = "data:image/png;base64,"
-_MOST_DECIMALS: Final = re.compile(r"(\d+\.\d{2})\d+")
-
 
 def inline_figure(drawn: Figure, name: str, label: str, caption: Child, class_: str = "") -> Html:
     """Return a figure with its caption.
@@ -229,13 +224,13 @@ def _rewritten(key: str, value: str, name: str) -> str:
     match key:
         case "id":
             return f"{name}-{value}"
-        case "href" if value.startswith(_IMAGE):
+        case "href" if value.startswith("data:image/png;base64,"):
             return "".join(value.split())
         case "href":
             return f"#{name}-{value.removeprefix('#')}"
         case "d" | "x" | "y" | "points":
             # a hundredth of a point; outlines of letters are drawn in units of their own, far smaller
-            return _MOST_DECIMALS.sub(r"\1", " ".join(value.split()))
+            return re.sub(r"(\d+\.\d{2})\d+", r"\1", " ".join(value.split()))
         case _:
-            coloured = _COLOUR.sub(lambda found: COLOURS.get(found[0].lower(), found[0]), value)
-            return _REFERENCE.sub(lambda found: f"url(#{name}-{found[1]})", coloured)
+            coloured = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: COLOURS.get(found[0].lower(), found[0]), value)
+            return re.sub(r"url\(#([^)]*)\)", rf"url(#{name}-\1)", coloured)

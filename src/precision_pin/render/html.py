@@ -15,8 +15,6 @@ MOST_ROWS: Final = 20
 
 _COLUMNS: Final = 100
 """Width at which preformatted sentences wrap."""
-_LEFT: Final = ' style="text-align: left"'
-_RIGHT: Final = ' style="text-align: right; white-space: nowrap"'
 
 
 def escaped(text: str) -> str:
@@ -69,8 +67,8 @@ def rendered(title: str, tables: Sequence[Table], notes: Sequence[str] = ()) -> 
 
 
 def _row(cells: Sequence[str], words: int, tag: str) -> str:
-    styles = (_LEFT if column < words else _RIGHT for column in range(len(cells)))
-    inside = (f"<{tag}{style}>{escaped(cell)}</{tag}>" for style, cell in zip(styles, cells, strict=True))
+    left, right = "text-align: left", "text-align: right; white-space: nowrap"
+    inside = (f'<{tag} style="{left if k < words else right}">{escaped(cell)}</{tag}>' for k, cell in enumerate(cells))
     return f"<tr>{''.join(inside)}</tr>"
 
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 import re
 import unicodedata
 from itertools import groupby, pairwise
-from typing import Final
 
 from precision_pin.base.errors import visible
-
-_GAP: Final = re.compile(r"\S {2,}\S")
 
 
 def aligned(rows: list[list[str]]) -> list[str]:
@@ -46,7 +43,7 @@ def folded(rows: list[str], columns: int) -> list[str]:
     if max(map(width, rows)) <= columns:
         return rows
     cells = [_cells(row) for row in rows]
-    spans = _spans([one for row, one in zip(rows, cells, strict=True) if len(_GAP.findall(row)) > 1])
+    spans = _spans([one for row, one in zip(rows, cells, strict=True) if len(re.findall(r"\S {2,}\S", row)) > 1])
     if len(spans) < 3:
         return rows
     lines: list[str] = []

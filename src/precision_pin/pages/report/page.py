@@ -8,7 +8,6 @@ import platform
 import re
 import shlex
 from collections.abc import Iterable, Sequence
-from typing import Final
 
 from precision_pin.analyses.collect import Missing, Results
 from precision_pin.analyses.monte_carlo.section import describe_verdict, distributions, specifications
@@ -33,9 +32,6 @@ from precision_pin.render.html import (
 from precision_pin.render.scene import Chapter, Layer
 from precision_pin.render.tables import milli, plain, resting_on
 
-# folders of an absolute path; not the slash of a unit, of package:// or of a relative path
-_FOLDERS: Final = re.compile(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])")
-
 
 def subject(results: Results) -> str:
     """Return robot, ends and pose."""
@@ -44,20 +40,12 @@ def subject(results: Results) -> str:
     return f"{analysis.base} to {analysis.tip}, pose {pose}"
 
 
-def describe_run(poses: Sequence[Results]) -> str:
-    """Return a short description of the sampling."""
-    analysis = poses[0].analysis
-    named = f"pose '{analysis.pose_name}'" if analysis.pose_name else "joint values of the command line"
-    where = named if len(poses) == 1 else f"{len(poses)} poses"
-    sampled = f"{analysis.samples:,} sampled robots, seed {analysis.seed}, {analysis.model} model"
-    return f"{analysis.robot}, {where}, {sampled}"
-
-
 def without_folders(text: str, results: Results) -> str:
     """Return a message with its files by name only."""
     for folder in results.folders:
         text = text.replace(f"{folder}/", "")
-    return _FOLDERS.sub("", text)
+    # folders of an absolute path; not the slash of a unit, of package:// or of a relative path
+    return re.sub(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])", "", text)
 
 
 def left_out(what: str, missing: Missing, results: Results) -> Html:
@@ -152,12 +140,10 @@ def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
     return section("view", "3-D view", frame, note)
 
 
-_HEADER = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
-
-
 def geometry(poses: Sequence[Results]) -> Html:
     """Return the table of MCPC parameters in the layout of the paper's Table 1."""
     results, heading = poses[0], "MCPC parameters"
+    header = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
     if isinstance(results.mcpc, Missing):
         return section("mcpc", heading, left_out(heading, results.mcpc, results))
     rows = []
@@ -171,7 +157,7 @@ def geometry(poses: Sequence[Results]) -> Html:
         "laid out as Table 1 of Wei, Jia and Chen (2015).",
         class_="note",
     )
-    return section("mcpc", heading, table("MCPC parameters of the nominal chain", _HEADER, rows, words=(1,)), note)
+    return section("mcpc", heading, table("MCPC parameters of the nominal chain", header, rows, words=(1,)), note)
 
 
 def parameters(poses: Sequence[Results]) -> Html:
@@ -291,7 +277,11 @@ def page(
     )
     unprinted = "Folded sections are not printed: open them first, or write the page with precision-pin report --full."
     on_paper = [] if full else [paragraph(unprinted, class_="note paper")]
-    header = element("header", element("h1", title), paragraph(describe_run(poses), class_="subject"), *on_paper)
+    named = f"pose '{analysis.pose_name}'" if analysis.pose_name else name_pose(worst)
+    where = named if len(poses) == 1 else f"{len(poses)} poses"
+    sampled = f"{analysis.samples:,} sampled robots, seed {analysis.seed}, {analysis.model} model"
+    run = paragraph(f"{analysis.robot}, {where}, {sampled}", class_="subject")
+    header = element("header", element("h1", title), run, *on_paper)
     footer = element("footer", paragraph("Written by precision-pin."))
     body = joined([element("a", "Skip to the result", class_="skip", href="#main"), header, main, footer])
     return f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{head.text}\n</head>\n<body>\n{body.text}\n</body>\n</html>\n'

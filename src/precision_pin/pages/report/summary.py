@@ -22,9 +22,6 @@ from precision_pin.render.tables import absolute, milli, share_in_words, symbol,
 from precision_pin.statistics import Distribution, SpecificationResult, clopper_pearson, format_share
 from precision_pin.statistics.intervals import format_inside
 
-NOTABLE: Final = 0.1
-"""Fraction of the 95 % quantile from which the error without any tolerance is mentioned."""
-
 _LEVEL: Final = 0.95
 # robots evaluated again for each row
 _MOST: Final = 100_000
@@ -34,7 +31,7 @@ def constant_part(results: Results) -> float:
     """Return the position error with every parameter at its mean, m; 0 where it is a small part of the error."""
     size = float(np.linalg.norm(results.analysis.nominal[:3]))
     norm = results.analysis.position.norm
-    return size if size > NOTABLE * (norm.quantile(_LEVEL) or norm.max) else 0.0
+    return size if size > 0.1 * (norm.quantile(_LEVEL) or norm.max) else 0.0
 
 
 def budget_of(results: Results) -> PoseBudget | None:

@@ -63,20 +63,19 @@ class Picture:
     """A picture and the facts for its caption.
 
     ``factor`` is the magnification of errors, ``points`` their number, ``shows_limit`` whether the limit has its circle
-    (one far larger than the cloud does not), ``notes`` which parts of the arm are drawn differently.
+    (one far larger than the cloud does not).
     """
 
     figure: Figure
     factor: float
     points: int
     shows_limit: bool
-    notes: tuple[str, ...]
 
 
 def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = ()) -> Picture:
     """Return the arm at a posture, undisplaced, with its magnified cloud of errors about the tip, 100 mm wide."""
     triangles = Triangles()
-    _, notes = draw_arm(triangles, posture, package_dirs)
+    draw_arm(triangles, posture, package_dirs)
     corners, tip = triangles.corners, posture.pose[:3, 3]
     camera = _choose_camera(posture, corners)
     skeleton = camera.project(joint_points(posture)) - camera.project(tip)
@@ -102,7 +101,7 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
         _draw_base(axes, frame, camera)
         axes.set_xlim(*frame[:, 0])
         axes.set_ylim(*frame[:, 1])
-    return Picture(made, factor, len(drawn), shows_limit, notes)
+    return Picture(made, factor, len(drawn), shows_limit)
 
 
 # camera and frame ----------------------------------------------------------------------------

@@ -53,8 +53,15 @@ def answers(
     ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` are first-order standard deviations.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
-    judged = (_judged(one, errors, varies, grounds) for one in specifications)
-    return (*judged, _size(errors), *_constant(errors[:3]))
+    said = [*(_judged(one, errors, varies, grounds) for one in specifications), _size(errors)]
+    middle = middle_of(errors[:3])
+    found = quantile(np.linalg.norm(errors[:3] - middle[:, None], axis=0), _SHOWN_LEVEL)
+    if found is not None and middle.any():
+        value, (low, high) = found
+        within = format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5)
+        text = f"Mean error {mean_size(errors[:3])} mm, the same for every robot"
+        said.append(Answer(text, f"95 % of robots within {within} mm of it"))
+    return tuple(said)
 
 
 def values_of(quantity: str, errors: Array) -> Array:
@@ -108,17 +115,6 @@ def _judged(specification: Specification, errors: Array, varies: Array, grounds:
     share, low, high = format_share(result.probability, result.interval, result.required)
     more = "; more samples decide it" if result.verdict == "undecided" else ""
     return Answer(text, f"{share} % inside, interval {low} to {high} %{more}", result.verdict)
-
-
-def _constant(positions: Array) -> list[Answer]:
-    middle = middle_of(positions)
-    found = quantile(np.linalg.norm(positions - middle[:, None], axis=0), _SHOWN_LEVEL)
-    if found is None or not middle.any():
-        return []
-    value, (low, high) = found
-    within = format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5)
-    text = f"Mean error {mean_size(positions)} mm, the same for every robot"
-    return [Answer(text, f"95 % of robots within {within} mm of it")]
 
 
 def mean_size(positions: Array) -> str:

@@ -31,8 +31,6 @@ from precision_pin.render.html import escaped
 _HOST: Final = "127.0.0.1"
 _PORTS: Final = range(1024, 65536)
 _ALLOWED_PORTS: Final = f"give 0 for any free port, or one of {_PORTS[0]} to {_PORTS[-1]}"
-# these browsers take over the terminal and cannot draw the scene
-_TEXT_BROWSERS: Final = ("www-browser", "links", "elinks", "lynx", "w3m")
 
 
 def serve(
@@ -96,7 +94,8 @@ def _content_of(text: str) -> tuple[bytes, bytes]:
 def _open(address: str) -> None:
     with suppress(webbrowser.Error, OSError):
         browser = webbrowser.get()
-        if os.path.basename(getattr(browser, "name", "")) not in _TEXT_BROWSERS:
+        # these browsers take over the terminal and cannot draw the scene
+        if os.path.basename(getattr(browser, "name", "")) not in ("www-browser", "links", "elinks", "lynx", "w3m"):
             browser.open(address)
 
 

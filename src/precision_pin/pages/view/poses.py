@@ -37,9 +37,6 @@ from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, quantil
 MOST_TOLERANCES: Final = 12
 """Number of tolerances with their own slider; all others share one."""
 
-MOST_NUMBERS: Final = 600_000
-"""Largest number of deviations in a page, two bytes each."""
-
 _STEPS: Final = 32_767
 _DIMENSION: Final = 6
 
@@ -99,7 +96,8 @@ def samples_that_fit(space: Space, groups: Groups, poses: int) -> int:
             once += numbers
         else:
             each += min(_DIMENSION, numbers)
-    return max(1, MOST_NUMBERS // max(1, once + poses * each))
+    # 600,000 deviations in a page, two bytes each
+    return max(1, 600_000 // max(1, once + poses * each))
 
 
 def share_rows(poses: Sequence[dict[str, Any]]) -> list[str]:
@@ -132,9 +130,6 @@ MOST_GHOSTS: Final = 3
 
 SHARES: Final = (0.95, 0.9973)
 """Fractions drawn as ellipsoids, the inner one first."""
-
-FEWEST: Final = 4
-"""Fewest samples for an ellipsoid: three only span a plane."""
 
 # relative spread of a direction, by the widest, below which it is rounding
 _FLAT: Final = 1e-9
@@ -359,7 +354,7 @@ def ellipsoids(positions: ArrayLike) -> tuple[Ellipsoid, ...]:
     values = np.asarray(positions, dtype=float)
     count = values.shape[1]
     mean = values.mean(axis=1)
-    if count < FEWEST:
+    if count < 4:  # three only span a plane
         return ()
     centred = values - mean[:, None]
     directions, singular, _ = np.linalg.svd(centred, full_matrices=False)

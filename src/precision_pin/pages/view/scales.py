@@ -26,10 +26,6 @@ MOST_POSES: Final = 200
 FAR: Final = 3.0
 """Ratio of mean error to spread above which the mean is far from zero error."""
 
-# fraction of the picture's width that the drawn cloud should span
-_WANTED: Final = 0.27
-_DIGITS: Final = (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
-
 
 def arm_length(posture: Posture) -> float:
     """Return the length (m) of the line from base over all joints to the tip; 1 m for an arm without length."""
@@ -120,9 +116,11 @@ def default_factor(
         width = _picture_width(np.column_stack([arm, centre - half, centre + half]))
         if whole < 0.45 * width:
             return math.inf
-        return abs(math.log(factor * span / width / _WANTED))
+        return abs(math.log(factor * span / width / 0.27))
 
-    return min((digit * float(f"1e{power}") for power in range(9) for digit in _DIGITS), key=misses)
+    return min(
+        (digit * float(f"1e{power}") for power in range(9) for digit in (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)), key=misses
+    )
 
 
 def joint_points(posture: Posture) -> Array:
