@@ -85,9 +85,9 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
     factor, shows_limit = _choose_factor(cloud, drawn, float(np.ptp(arm, axis=0).max()))
     radius = max(cloud.within or 0.0, (shows_limit and cloud.limit) or 0.0)
     frame = _whole_frame(arm, factor * drawn, factor * radius)
-    width, height = np.ptp(frame, axis=0).tolist()
-    size = width / _PIXELS
-    shape = (max(1, round(height / size)), _PIXELS)
+    (left, bottom), (right, top) = frame.tolist()
+    size = (right - left) / _PIXELS
+    shape = (max(1, round((top - bottom) / size)), _PIXELS)
     image = draw_triangles(seen, triangles.colours, frame[0], size, shape)
     with style():
         made = new_figure(WIDTH)
@@ -95,12 +95,12 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
         set_height(made, WIDTH * shape[0] / shape[1])
         axes = made.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        axes.imshow(image, extent=tuple(frame.T.flat), interpolation="none", aspect="auto")
+        axes.imshow(image, extent=(left, right, bottom, top), interpolation="none", aspect="auto")
         _draw_cloud(axes, cloud, drawn, factor, shows_limit)
         _draw_scale(axes, frame, factor)
         _draw_base(axes, frame, camera)
-        axes.set_xlim(*frame[:, 0])
-        axes.set_ylim(*frame[:, 1])
+        axes.set_xlim(left, right)
+        axes.set_ylim(bottom, top)
     return Picture(made, factor, len(drawn), shows_limit)
 
 
