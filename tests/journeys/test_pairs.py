@@ -157,14 +157,6 @@ def command_of(name: str) -> click.Command:
 RUNS = [run for name in list_commands() for run in runs_of(name, files_of(command_of(name)))]
 
 
-PAIRS: dict[str, int] = {}
-
-
-for _number, (_name, _run) in enumerate(RUNS):
-    for _taker, _writer in _run.items():
-        PAIRS.setdefault(f"{_name} {_taker} of {_writer}", _number)
-
-
 def words_of(name: str, run: dict[str, str]) -> list[str]:
     """Return the command line of a run."""
     words = [name, *(WRITTEN[taker][writer] for taker, writer in run.items() if not taker.startswith("--"))]
@@ -181,33 +173,23 @@ def words_of(name: str, run: dict[str, str]) -> list[str]:
     return [*words, *(word for word in MORE.get(name, ()) if word != "--all-poses" or "--trajectory" not in run)]
 
 
-@pytest.fixture(scope="module")
-def ended(written: Desk) -> set[int]:
-    """Return the numbers of the runs that have ended well: pairs that are read in one run share it."""
-    return set()
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("pair", PAIRS)
-def test_pairs(written, ended, pair):
-    number = PAIRS[pair]
-    if number not in ended:
-        name, run = RUNS[number]
-        words = words_of(name, run)
-        refused = name == "allocate" and run.get("SHEET.yaml") == "calibrate --sheet"
-        found = written.run(*words, code=2 if refused else codes(name))
-        if refused:
-            # what was measured is no tolerance any more, but of the next robot
-            assert "--set calibrated=none" in found.err
-            written.run(*words, "--set", "calibrated=none")
-        if name == "check" and run.get("SHEET.yaml") == "calibrate --sheet":
-            assert "warning W_ALLOCATE" in found.out
-            assert "W_ALLOCATE" not in written.run(*words, "--set", "calibrated=none").out
-        if "--journal" in run:
-            # a journal is read by the command that wrote it
-            assert "holds the first" in written.run(*words, "--resume").err
-            Path(WRITTEN["--journal"][run["--journal"]]).unlink()
-        ended.add(number)
+@pytest.mark.parametrize(("name", "run"), RUNS, ids=[f"{name} {' '.join(run.values())}" for name, run in RUNS])
+def test_pairs(written, name, run):
+    words = words_of(name, run)
+    refused = name == "allocate" and run.get("SHEET.yaml") == "calibrate --sheet"
+    found = written.run(*words, code=2 if refused else codes(name))
+    if refused:
+        # what was measured is no tolerance any more, but of the next robot
+        assert "--set calibrated=none" in found.err
+        written.run(*words, "--set", "calibrated=none")
+    if name == "check" and run.get("SHEET.yaml") == "calibrate --sheet":
+        assert "warning W_ALLOCATE" in found.out
+        assert "W_ALLOCATE" not in written.run(*words, "--set", "calibrated=none").out
+    if "--journal" in run:
+        # a journal is read by the command that wrote it
+        assert "holds the first" in written.run(*words, "--resume").err
+        Path(WRITTEN["--journal"][run["--journal"]]).unlink()
 
 
 def test_an_option_that_takes_a_file_needs_one_that_is_written():

@@ -31,6 +31,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages.view import drawing
 from precision_pin.pages.view.drawing import Camera, Cloud, draw_picture, draw_triangles
 from precision_pin.render.display_units import WrittenUnit
+from precision_pin.render.draw_distribution import display_unit
 from precision_pin.render.scene import Triangles
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
@@ -215,6 +216,14 @@ def test_values_that_hardly_differ_are_drawn_from_a_round_number() -> None:
     low, high = axes.get_xlim()
     assert low < summary.position.x.min * 1e9 + 37e6 < summary.position.x.max * 1e9 + 37e6 < high
     assert high - low < 10
+
+
+def test_units_suit_the_size() -> None:
+    for size, position, attitude in (
+        (0.0, "mm", "mrad"), (50.0, "m", "rad"), (5.0, "mm", "mrad"), (2e-4, "mm", "mrad"), (5e-5, "µm", "µrad")
+    ):  # fmt: skip
+        summary = summary_of(np.full((6, 3), size))
+        assert (display_unit(summary.position.x).name, display_unit(summary.attitude.z).name) == (position, attitude)
 
 
 def test_a_panel_takes_a_smaller_unit_where_its_labels_would_grow_long() -> None:
@@ -472,6 +481,15 @@ def test_long_thin_and_far_triangles_cost_no_more_than_they_show():
     drawn.surface(("u",), [[0, 0.0, 0], [0, 0.0, 0], [0, 0.0, 0]], [[0, 1, 2]], RED, np.eye(4))
     assert 0 < covered(image_of(drawn)) < 0.2
     assert covered(image_of(Triangles())) == 0
+
+
+def test_the_camera_is_a_right_handed_frame_with_the_base_upright():
+    for azimuth in (0.3, 2.0, 5.0):
+        axes = Camera(azimuth, 0.4).axes
+        assert axes @ axes.T == pytest.approx(np.eye(3))
+        assert np.linalg.det(axes) == pytest.approx(1)
+        assert axes[0, 2] == 0
+        assert axes[1, 2] > 0
 
 
 @pytest.mark.slow

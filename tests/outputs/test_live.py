@@ -189,7 +189,8 @@ def test_the_three_paths_answer_with_headers_that_keep_others_out(steady):
         assert headers["X-Content-Type-Options"] == "nosniff"
         assert headers["Referrer-Policy"] == "no-referrer"
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
-        assert "Content-Security-Policy" in headers
+        framed_by = "self" if path.startswith("/page") else "none"
+        assert headers["Content-Security-Policy"].endswith(f"frame-ancestors '{framed_by}'")
         assert "Python" not in str(headers)
         head = steady.get(path, "HEAD")
         assert (head[0], head[1]["Content-Length"], head[2]) == (200, headers["Content-Length"], b"")
@@ -342,6 +343,14 @@ def test_what_is_wrong_is_announced_and_shown_as_text_until_it_is_right(served, 
     sheet.path.write_text("back", "utf-8")
     assert served.line().startswith("the files have changed")
     assert served.get("/page")[2].decode() == small_page("back")
+
+
+def test_the_first_page_must_come_out_right(sheet):
+    sheet.path.write_text("wrong", "utf-8")
+    announced = []
+    with pytest.raises(SheetError, match="a length has the unit kg"):
+        serve(sheet.page, [sheet.path], open_browser=False, announce=announced.append)
+    assert announced == []
 
 
 @pytest.mark.slow

@@ -324,6 +324,12 @@ def test_errors_without_spread_make_a_page(paper):
         assert "Position error |d|, µm" in text
 
 
+def test_a_given_factor_is_where_the_slider_starts(paper):
+    for factor, smallest, largest in ((37.5, 1.0, 375.0), (0.5, 0.5, 10.0)):
+        settings = data_block(simple_page(*paper[:2], factor=factor), "settings")
+        assert (settings["factor"], settings["smallest"], settings["largest"]) == (factor, smallest, largest)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not example_urdfs(), reason="example-robot-data is not installed")
 def test_a_real_arm_with_every_point_makes_a_page_under_6_mb():

@@ -209,6 +209,19 @@ def test_many_readings_are_few_lines(calibrated):
     assert 'id="calibration-before">' in layer.legend()
 
 
+def test_one_reading_without_residual():
+    model, q = small_model(), random_poses(4, 1)
+    exact = model.chain.at_columns(q).pose[:3, 3].T
+    layer = CalibrationLayer.of(pp.calibrate(model, (q, exact), pp.Measurement(std=20e-6)))
+    found = layer.settings(1.0)
+    assert (found["times"], found["largest"]) == (1.0, 0.0)
+    assert np.allclose(found["after"], 0.0, atol=1e-15)
+    for words in ("the reading: line", "row 1: 0 mm, 0 std"):
+        assert words in layer.legend()
+    calibration_page(layer)
+    calibration_chapter(layer.result)
+
+
 # the report --------------------------------------------------------------------------------------
 
 
@@ -481,6 +494,14 @@ def test_the_numbers_are_those_of_the_path(followed):
     assert ends[0] <= low <= said <= high <= ends[1]
     assert ends == pytest.approx([low, high], rel=0.01)
     assert f"most have their largest error at {found.poses.labels[found.worst_pose(0)]}" in legend
+
+
+def test_colours_do_not_show_the_scatter_of_samples(model):
+    q = model.configuration("paper")[:, None] + np.outer([1, 0, 0, 0], np.linspace(0, 1, 4))
+    found = pp.path_law(model, q, samples=400)
+    scale = PathLayer.of(found).scale
+    assert np.ptp(found.curve[0]) < 0.05 * found.curve[0].max()
+    assert scale.smallest <= 0.9 * found.curve[0].max()
 
 
 @needs_chromium
