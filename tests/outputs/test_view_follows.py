@@ -432,10 +432,8 @@ def test_pointing_at_a_sample_tells_its_error_and_at_a_joint_its_name_and_rulers
     x = shown.pose_model.space.sample(1, 0, SAMPLES)[:, farthest] - shown.pose_model.space.mean
     moved = np.linalg.norm(shown.pose_model.jacobian[:3] * x, axis=0)
     largest = int(np.argmax(moved))
-    assert (
-        f"Largest part beyond the mean: {shown.pose_model.space.draws[largest].name}, {1e3 * moved[largest]:#.3g} mm"
-        in words
-    )
+    name = shown.pose_model.space.draws[largest].name
+    assert f"Largest part beyond the mean: {name}, {1e3 * moved[largest]:#.3g} mm" in words
     # the same by keyboard
     visit.page.fill("#robot", str(farthest))
     assert visit.page.inner_text("#robot-text") == words

@@ -164,9 +164,8 @@ def test_the_legend_says_the_answer_and_lists_the_worst_readings(calibrated):
     text = calibration_page(layer)
     legend = legend_of(text)
     assert "The model explains the readings" in legend
-    assert (
-        f"Residuals: {1e3 * result.rms('before'):.3g} mm rms before, {1e3 * result.rms('after'):.3g} mm after" in legend
-    )
+    before, after = (f"{1e3 * result.rms(when):.3g} mm" for when in ("before", "after"))
+    assert f"Residuals: {before} rms before, {after} after" in legend
     buttons = re.findall(
         r'data-reading="(\d+)" aria-pressed="(\w+)">row (\d+): (\S+) mm, (\S+) std(.*?)</button>', legend
     )
@@ -230,10 +229,8 @@ def test_the_section_has_the_numbers_of_the_json(calibrated):
     chapter, found = calibration_chapter(result), json.loads(result.to_json())
     text = html.unescape(re.sub(r"<[^>]+>", " ", chapter.section.text))
     rms = {name: f"{1e3 * value:.3g}" for name, value in found["rms_residual"].items()}
-    assert (
-        f"Residuals: {rms['before']} mm rms before, {rms['after']} mm after; left-out readings: {rms['left_out']} mm rms"
-        in text
-    )
+    assert f"Residuals: {rms['before']} mm rms before, {rms['after']} mm after; left-out" in text
+    assert f"left-out readings: {rms['left_out']} mm rms" in text
     assert f"chi-square {found['chi_square']:.4g} for {found['degrees_of_freedom']} degrees of freedom" in text
     (gross,) = found["gross_errors"]
     assert f"row {gross['line']}, {1e3 * gross['size']:.3g} mm or {gross['deviations']:.3g} standard deviations" in text
