@@ -67,10 +67,6 @@ def test_design(desk, arm):
     middle = desk.json("analyze", new, *SAMPLES)["position"]["norm"]["quantiles"]["0.5"]
     # four standard deviations of the share below a median
     assert (away < middle).mean() == pytest.approx(0.5, abs=4 * 0.5 / math.sqrt(BUILT))
-    desk.run("report", new, "--spec", spec, "--out", "report.html")
-    page = (desk.folder / "report.html").read_text()
-    assert "MET" in page
-    assert "NOT MET" not in page
 
 
 def trace(entry) -> float:
