@@ -25,9 +25,8 @@ from scipy import optimize
 
 import precision_pin as pp
 from precision_pin.analyses.allocation.convex_program import Limit, Programme
-from precision_pin.analyses.allocation.costs import Cost
 from precision_pin.analyses.allocation.problem import read_problem
-from precision_pin.analyses.allocation.scaling import contributions
+from precision_pin.analyses.allocation.tolerances import Cost, contributions
 from precision_pin.base.errors import PrecisionPinWarning
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")

@@ -21,7 +21,7 @@ from benchmarks.coverage.row import Coverage
 from precision_pin.analyses.budget.budget_result import Estimate
 from precision_pin.analyses.exact_law.exact_law import LEVELS
 from precision_pin.analyses.moments.moments import Measured, Method
-from precision_pin.analyses.worst_case.convex_bodies import Supports
+from precision_pin.analyses.worst_case.worst_case import Supports
 from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.draw import Draw

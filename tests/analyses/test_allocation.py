@@ -17,12 +17,24 @@ from scipy import optimize, stats
 import precision_pin as pp
 from precision_pin.analyses.allocation import problem
 from precision_pin.analyses.allocation.allocate import MEAN
-from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
-from precision_pin.analyses.allocation.costs import GRADES, SIZES, Grades, grade_width, read_cost
-from precision_pin.analyses.allocation.grades import solve_with_grades, without_solver_lines
+from precision_pin.analyses.allocation.convex_program import (
+    Limit,
+    Programme,
+    Solution,
+    solve_with_grades,
+    without_solver_lines,
+)
 from precision_pin.analyses.allocation.problem import beside, read_problem
-from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
 from precision_pin.analyses.allocation.table import allocation_table
+from precision_pin.analyses.allocation.tolerances import (
+    GRADES,
+    SIZES,
+    Grades,
+    NoScaleError,
+    contributions,
+    grade_width,
+    read_cost,
+)
 from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.map.normal_norms import norm_quantile_slopes
 from precision_pin.base import units

@@ -13,10 +13,16 @@ from scipy import stats
 from scipy.stats import ortho_group
 
 import precision_pin as pp
-from precision_pin.analyses.worst_case.convex_bodies import TOLERANCE, Supports, farthest, quadratic_bound
 from precision_pin.analyses.worst_case.figure import figure
 from precision_pin.analyses.worst_case.table import table
-from precision_pin.analyses.worst_case.worst_case import bound_milli, farthest_error
+from precision_pin.analyses.worst_case.worst_case import (
+    TOLERANCE,
+    Supports,
+    bound_milli,
+    farthest,
+    farthest_error,
+    quadratic_bound,
+)
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw

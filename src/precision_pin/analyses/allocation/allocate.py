@@ -14,13 +14,20 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.analyses.allocation.choices import Judge, Judged, Walk, walk
-from precision_pin.analyses.allocation.convex_program import Limit, Programme, Solution
-from precision_pin.analyses.allocation.costs import Tolerance
-from precision_pin.analyses.allocation.grades import MOST_POINTS, FrontPoint, pareto_front, solve
+from precision_pin.analyses.allocation.convex_program import (
+    MOST_POINTS,
+    FrontPoint,
+    Limit,
+    Programme,
+    Solution,
+    pareto_front,
+    solve,
+)
 from precision_pin.analyses.allocation.problem import Bound, Problem, common_grades, read_problem, unchosen
-from precision_pin.analyses.allocation.scaling import (
+from precision_pin.analyses.allocation.tolerances import (
     Contributions,
     NoScaleError,
+    Tolerance,
     changed_model,
     contributions,
     in_deviations,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.allocation.convex_program import ROUNDING, Programme
 from precision_pin.analyses.allocation.problem import Problem
-from precision_pin.analyses.allocation.scaling import Contributions, changed_model, in_deviations
+from precision_pin.analyses.allocation.tolerances import Contributions, changed_model, in_deviations
 from precision_pin.base.arrays import Array
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sampling.many_poses import sample_poses

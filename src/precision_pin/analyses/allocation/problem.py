@@ -10,8 +10,15 @@ from typing import Any, Final, final
 
 import numpy as np
 
-from precision_pin.analyses.allocation.costs import Cost, Grades, Tolerance, read_cost, said_of
-from precision_pin.analyses.allocation.scaling import NoScaleError, contributions
+from precision_pin.analyses.allocation.tolerances import (
+    Cost,
+    Grades,
+    NoScaleError,
+    Tolerance,
+    contributions,
+    read_cost,
+    said_of,
+)
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array

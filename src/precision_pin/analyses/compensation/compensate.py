@@ -1,38 +1,39 @@
-"""Correct the constant part of the pose error by other joint values."""
+"""Correct the constant part of the pose error: joint values that place the mean-error arm at the nominal pose."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.budget.shares import source_lines
-from precision_pin.analyses.compensation.correction import Correction, correct
 from precision_pin.analyses.map.first_order import first_order
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
 from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import AnalysisResult, list_warnings
+from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.tangents import tangents
 from precision_pin.model.verdict_grounds import strained_findings
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, milli
 from precision_pin.robot.approach import approach_entry, written_approach
-from precision_pin.robot.chain import pose_findings
-from precision_pin.robot.pose_set import PoseSet
+from precision_pin.robot.chain import Chain, pose_findings
+from precision_pin.robot.inverse_kinematics import spread_points
+from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
 from precision_pin.sampling import Progress, check_progress
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
 
 Mode = Literal["position", "pose"]
 """Corrected components: position alone, or position and attitude."""
@@ -196,7 +197,7 @@ def compensate(
     """Return joint values that place the mean-error arm at the nominal pose.
 
     The constant part of the error is that of the exact model with every component at its mean: deflection, offsets,
-    calibrated errors. Newton's method on the arm with its errors removes it (:func:`.correction.correct`).
+    calibrated errors. Newton's method on the arm with its errors removes it (:func:`correct`).
 
     Args:
         error_model: Chain, draws and sources.
@@ -303,3 +304,384 @@ def _with_laws(
 def _within(mean: Array, covariance: Array) -> Array:
     parts = (slice(0, 3), slice(3, 6))
     return np.stack([norm_quantiles(*principal_axes(mean[part], covariance[part, part]), 0.95) for part in parts])
+
+
+CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
+"""``corrected``; ``limit``: none found within the joint limits; ``singular``: some directions cannot be corrected near
+a singularity; ``unreachable``: Newton's method finds no joint values.
+"""
+
+CONVERGED: Final = 1e-10
+"""Error (m and rad) below which it counts as corrected."""
+_SETTLED: Final = 1e-6
+"""Relative change of the joints in a step below which they are settled: the excess over the minimum is its square."""
+_MOST_ITERATIONS: Final = 20
+_MOST_SETTLING: Final = 200
+"""Steps of a redundant arm."""
+_LARGEST_STEP: Final = 0.3
+"""Largest change of a joint in one step: rad, or lengths of the chain."""
+_SCATTERED: Final = 64
+"""Starting points of the search for a pose that has no correction near it."""
+_MOST_SEARCHING: Final = 100
+_NEAREST, _FARTHEST = 0.03, np.pi
+"""Distance of the scattered starting points from the pose: rad, or lengths of the chain."""
+_ENDS: Final = 8
+"""Number of closest end points of the search that are refined to the smallest change."""
+_DIFFERENCE: Final = 1e-5
+"""Half of the step of the central differences: rad, or lengths of the chain."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Correction(Fixed):
+    """Corrected joint values of P poses.
+
+    Attributes:
+        q: Corrected joint values, ``(n, P)``; NaN where there are none.
+        before, first_order, after: Error of the arm with every component at its mean: at the requested joint values,
+            after one step with the nominal Jacobian, and at the corrected ones; ``[d; δ]``, base axes, m and rad, ``(6,
+            P)``.
+        iterations: Newton steps, ``(P,)``.
+        is_least: Whether the change of the joints was shown to be a local minimum, ``(P,)``; false for some of those
+            found by the search from scattered joint values.
+    """
+
+    q: Array
+    before: Array
+    first_order: Array
+    after: Array
+    iterations: NDArray[np.int64]
+    status: tuple[CorrectionStatus, ...]
+    is_least: NDArray[np.bool_]
+
+
+def correct(
+    error_model: ErrorModel,
+    values: Array,
+    approaches: NDArray[np.int8] | None,
+    weights: Array,
+    is_exact: bool,
+    advance: Callable[[int], object],
+) -> Correction:
+    """Return the corrected joint values of poses ``(n, P)``.
+
+    Newton's method on the arm with its errors: they are computed anew at each step, since loads and lever arms change
+    with the joint values, and the Jacobian is that of the arm with its errors, by central differences. For a redundant
+    arm the sum of squares of the joint changes is a local minimum, with a sliding joint in lengths of the chain: each
+    step goes to the smallest change that the Jacobian allows. A joint that would pass its limit stays there while the
+    others correct; it leaves the limit again where that makes the change smaller. If nothing is found within the
+    limits, joint values scattered between them are tried, and the correction closest to the pose is taken; none may be
+    found though there is one.
+
+    Args:
+        values, approaches: Joint values in chain order, ``(n, P)``, rad and m, and the direction in which each joint
+            moved last, also assumed at the corrected values.
+        weights: Weight of each component of the error, ``(6,)``, 1/m and 1/rad; zero for one that is left as it is.
+        is_exact: Whether the weighted components must vanish; else the sum of their squares is minimised.
+        advance: Called with the number of poses done since the last call.
+
+    Raises:
+        InputError: An error is too large to compute with.
+    """
+    arm = _Arm(error_model, error_model.chain.at_columns(values).pose, approaches, weights, is_exact)
+    poses = values.shape[1]
+    before = arm.error(values, np.arange(poses))
+    step, smallest = arm.step(np.zeros(values.shape), before, arm.nominal_slopes(values))
+    one_step = values + step
+    first_order = arm.error(one_step, np.arange(poses))
+    found = values.copy()
+    after = before.copy()
+    iterations = np.zeros(poses, dtype=np.int64)
+    status = np.full(poses, "unreachable", dtype="<U11")
+    is_least = np.ones(poses, dtype=bool)
+    outside = error_model.chain.configurations.outside(values).any(axis=0)
+    status[outside] = "limit"
+    singular = ~outside & (smallest < SINGULAR_BELOW) & is_exact
+    status[singular] = "singular"
+    chosen = np.flatnonzero(~outside & ~singular)
+    for begin in range(0, len(chosen), _AT_ONCE):
+        part = chosen[begin : begin + _AT_ONCE]
+        found[:, part], after[:, part], iterations[part], status[part] = arm.solve(values[:, part], part)
+        for pose in part[status[part] != "corrected"] if is_exact else ():
+            elsewhere = arm.search(values[:, pose], int(pose))
+            if elsewhere is not None:
+                found[:, pose], after[:, pose], steps, is_least[pose] = elsewhere
+                iterations[pose] += steps
+                status[pose] = "corrected"
+        advance(len(part))
+    advance(poses - len(chosen))
+    failed = status != "corrected"
+    found[:, failed] = np.nan
+    after[:, failed] = np.nan
+    return Correction(found, before, first_order, after, iterations, tuple(status.tolist()), is_least)
+
+
+_AT_ONCE: Final = 256
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Arm:
+    """The arm with every component at its mean, and its target poses ``(4, 4, P)``; approaches are ``(n, P)``."""
+
+    error_model: ErrorModel
+    wanted: Array
+    approaches: NDArray[np.int8] | None
+    weights: Array
+    is_exact: bool
+
+    @property
+    def units(self) -> Array:
+        """Unit of each joint, ``(n, 1)``: rad, or the chain's length for a sliding joint."""
+        chain = self.error_model.chain
+        return np.where(chain.prismatic, _length(chain), 1.0)[:, None]
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """Components of the error that count."""
+        return np.flatnonzero(self.weights)
+
+    def error(self, values: Array, poses: NDArray[np.intp]) -> Array:
+        """Return the error ``(6, P)`` from the targets with numbers ``poses``, at joint values ``(n, P)``."""
+        approaches = None if self.approaches is None else self.approaches[:, poses]
+        parts = tangents(self.error_model.at_columns(values, approaches))
+        own = np.concatenate([part.error for part in parts], axis=1)
+        nominal = self.error_model.chain.at_columns(values).pose
+        wanted = self.wanted[:, :, poses]
+        turned = np.einsum("ijp,jkp,lkp->ilp", se3.exp_rotation(own[3:]), nominal[:3, :3], wanted[:3, :3])
+        return np.concatenate([nominal[:3, 3] + own[:3] - wanted[:3, 3], se3.log_rotation(turned)])
+
+    def slopes(self, values: Array, poses: NDArray[np.intp]) -> Array:
+        """Return the derivative of :meth:`error` by each joint, in its unit, ``(6, n, P)``, by central differences."""
+        joints, count = values.shape
+        shifts = _DIFFERENCE * np.eye(joints)[:, :, None] * self.units
+        moved = np.concatenate([values[:, None] + shifts, values[:, None] - shifts], axis=1).reshape(joints, -1)
+        errors = self.error(moved, np.tile(poses, 2 * joints)).reshape(6, 2, joints, count)
+        return np.asarray((errors[:, 0] - errors[:, 1]) / (2 * _DIFFERENCE))
+
+    def nominal_slopes(self, values: Array) -> Array:
+        """Return the Jacobian of the nominal arm, as :meth:`slopes`."""
+        return self.error_model.chain.at_columns(values).joint_jacobian * self.units
+
+    def step(self, moved: Array, error: Array, slopes: Array) -> tuple[Array, Array]:
+        """Return a change of the joints ``(n, P)`` and the smallest singular value of the scaled Jacobian ``(P,)``.
+
+        ``moved`` is the joints' displacement so far; its component in the null space of the Jacobian is undone.
+        """
+        # dimensionless rows: positions in lengths of the chain, or the weights of the user
+        scale = (
+            self.weights if not self.is_exact else np.where(np.arange(6) < 3, 1 / _length(self.error_model.chain), 1.0)
+        )
+        scale = scale[self.rows, None]
+        jacobian = np.moveaxis(slopes[self.rows] * scale[:, None], -1, 0)
+        left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+        threshold = 1e-9 if self.is_exact else SINGULAR_BELOW * sizes[:, :1]
+        safe = sizes > threshold
+        inverse = np.where(safe, 1 / np.where(safe, sizes, 1.0), 0.0)
+        wanted = np.einsum("pij,ip->pj", left, error[self.rows] * scale)
+        needless = moved / self.units
+        kept = np.einsum("pji,ip->pj", right, needless)
+        step = np.einsum("pji,pj->ip", right, np.where(safe, kept, 0.0) - inverse * wanted) - needless
+        largest = np.abs(step).max(axis=0, initial=0.0)
+        step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, _LARGEST_STEP))
+        smallest = sizes[:, -1] if len(self.rows) <= len(moved) else np.zeros(moved.shape[1])
+        return step * self.units, smallest
+
+    def search(self, start: Array, pose: int) -> tuple[Array, Array, int, bool] | None:
+        """Return the closest correction of a pose found from scattered starting points; ``None`` if there is none.
+
+        The values are joint values ``(n,)``, error ``(6,)``, steps, and whether the change is a local minimum.
+        """
+        ends, errors = self._descend(self._scattered(start), pose)
+        change = ((ends - start[:, None]) / self.units) ** 2
+        order = np.argsort(change.sum(axis=0), kind="stable")[:_ENDS]
+        if not len(order):
+            return None
+        nearest = ends[:, order]
+        starts, poses = np.repeat(start[:, None], len(order), axis=1), np.full(len(order), pose)
+        values, error, steps, status = self.solve(starts, poses, nearest)
+        open_at = np.flatnonzero(status != "corrected")
+        if len(open_at):
+            # SLSQP decides which joints stay at their limits; Newton's method then settles there and shows that it is a
+            # minimum
+            better = np.stack([self._polished(start, end, pose) for end in nearest[:, open_at].T], axis=1)
+            values[:, open_at], error[:, open_at], more, status[open_at] = self.solve(
+                starts[:, open_at], poses[open_at], better
+            )
+            steps[open_at] += more
+        settled = np.flatnonzero(status == "corrected")
+        sizes = (((values - start[:, None]) / self.units) ** 2).sum(axis=0)
+        best = int(settled[sizes[settled].argmin()]) if len(settled) else -1
+        if best >= 0 and sizes[best] <= change.sum(axis=0)[order[0]] * (1 + _SETTLED):
+            return values[:, best], error[:, best], int(steps[best]), True
+        return nearest[:, 0], errors[:, order[0]], int(steps.sum()), False
+
+    def _polished(self, start: Array, end: Array, pose: int) -> Array:
+        """Return joint values ``(n,)`` of the least change from ``start``, found by SLSQP from a correction ``end``."""
+        from scipy import optimize
+
+        units, of, limits = self.units[:, 0], np.array([pose]), self.error_model.chain.configurations.limits
+        low, high = ((limit - start) / units for limit in limits)
+
+        def missed(change: Array) -> Array:
+            return np.asarray(self.error((start + change * units)[:, None], of)[self.rows, 0])
+
+        def slopes(change: Array) -> Array:
+            return np.asarray(self.slopes((start + change * units)[:, None], of)[self.rows, :, 0])
+
+        found = optimize.minimize(
+            lambda change: (change @ change, 2 * change), np.clip((end - start) / units, low, high), jac=True,
+            bounds=list(zip(low, high, strict=True)), constraints={"type": "eq", "fun": missed, "jac": slopes},
+            method="SLSQP", options={"maxiter": _MOST_SEARCHING, "ftol": CONVERGED**2},
+        )  # fmt: skip
+        if not np.isfinite(found.x).all():
+            return end
+        values = np.where(found.x <= low + CONVERGED, limits[0], start + found.x * units)
+        values = np.where(found.x >= high - CONVERGED, limits[1], values)
+        return np.asarray(values)
+
+    def _scattered(self, start: Array) -> Array:
+        """Return fixed joint values within the limits ``(n, S)``, from near the pose to half a turn away."""
+        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        points = spread_points(len(start) + 1, _SCATTERED)
+        reach = _NEAREST * (_FARTHEST / _NEAREST) ** np.sqrt(points[-1]) * self.units
+        bottom, top = np.maximum(low, start[:, None] - reach), np.minimum(high, start[:, None] + reach)
+        return np.asarray(bottom + (top - bottom) * points[:-1])
+
+    def _descend(self, values: Array, pose: int) -> tuple[Array, Array]:
+        """Return the end points of damped steps within the limits from values ``(n, S)``, and the errors there.
+
+        The nominal arm's Jacobian is close enough for a descent; a joint that would pass its limit stays.
+        """
+        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        scale = np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]
+        values = values.copy()
+        poses = np.full(values.shape[1], pose)
+        error = self.error(values, poses)
+        damping = np.full(values.shape[1], 1e-2)
+        for _ in range(_MOST_SEARCHING):
+            at = np.flatnonzero(~self._is_done(error, None) & (damping < 1e6))
+            if not len(at):
+                break
+            slopes = self.nominal_slopes(values[:, at])[self.rows] * scale[:, None]
+            residual = error[self.rows][:, at] * scale
+            gradient = np.einsum("rjp,rp->jp", slopes, residual)
+            held = ((values[:, at] <= low) & (gradient > 0)) | ((values[:, at] >= high) & (gradient < 0))
+            slopes = np.where(held, 0.0, slopes)
+            normal = np.einsum("rjp,rkp->pjk", slopes, slopes) + damping[at, None, None] * np.eye(len(values))
+            step = -np.linalg.solve(normal, np.where(held, 0.0, gradient).T[..., None])[..., 0].T
+            step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=0), _LARGEST_STEP))
+            tried = np.clip(values[:, at] + step * self.units, low, high)
+            missed = self.error(tried, poses[at])
+            better = ((missed[self.rows] * scale) ** 2).sum(axis=0) < (residual**2).sum(axis=0)
+            values[:, at[better]], error[:, at[better]] = tried[:, better], missed[:, better]
+            damping[at] = np.where(better, np.maximum(damping[at] * 0.2, 1e-12), damping[at] * 4)
+        done = self._is_done(error, None)
+        return values[:, done], error[:, done]
+
+    def solve(
+        self, start: Array, poses: NDArray[np.intp], begin: Array | None = None
+    ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
+        """Return corrected joint values ``(n, P)``, errors ``(6, P)``, numbers of steps and statuses ``(P,)``.
+
+        The change is measured from ``start``; the first step is from ``begin``, by default the same.
+        """
+        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        values = start.copy() if begin is None else begin.copy()
+        free = np.ones(values.shape, dtype=bool) if begin is None else (values > low) & (values < high)
+        iterations = np.zeros(values.shape[1], dtype=np.int64)
+        error = self.error(values, poses)
+        remaining = np.arange(values.shape[1])
+        reached = np.zeros(values.shape[1], dtype=bool)
+        for _ in range(4 * len(values)):
+            reached[remaining] = self._iterate(start, values, error, free, iterations, poses, remaining)
+            remaining = remaining[reached[remaining]]
+            beyond = np.where(free, np.maximum(low - values, values - high) / self.units, 0.0)[:, remaining]
+            passed = beyond.max(axis=0, initial=0.0) > 0
+            # one joint at a time, because that may bring the others back
+            free[beyond.argmax(axis=0)[passed], remaining[passed]] = False
+            settled = remaining[~passed]
+            leaving, joint = self._leaving(values - start, values, error, free, poses, settled)
+            free[joint[leaving], settled[leaving]] = True
+            remaining = np.concatenate([remaining[passed], settled[leaving]])
+            if not len(remaining):
+                break
+            values[:, remaining] = np.clip(values, low, high)[:, remaining]
+            error[:, remaining] = self.error(values[:, remaining], poses[remaining])
+        reached[remaining] = False
+        status = np.where(reached, "corrected", np.where(free.all(axis=0), "unreachable", "limit"))
+        return values, error, iterations, status
+
+    def _leaving(
+        self,
+        change: Array,
+        values: Array,
+        error: Array,
+        free: NDArray[np.bool_],
+        poses: NDArray[np.intp],
+        of: NDArray[np.intp],
+    ) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+        """Return which of the poses ``of`` have a joint at its limit that should leave it, and which joint."""
+        held = ~free[:, of]
+        if not held.any():
+            return np.zeros(len(of), dtype=bool), np.zeros(len(of), dtype=np.intp)
+        slopes = np.moveaxis(self.slopes(values[:, of], poses[of])[self.rows], -1, 0)
+        if self.is_exact:
+            # the change is minimal where it is a combination of the rows, except for joints that press against their
+            # limits
+            moved = (change / self.units)[:, of]
+            others = np.linalg.pinv(np.where(held.T[:, None], 0.0, slopes))
+            rows = np.einsum("pjr,jp->pr", others, np.where(held, 0.0, moved))
+            rises = moved - np.einsum("prj,pr->jp", slopes, rows)
+            least = _SETTLED * np.abs(moved).max(axis=0, initial=0.0)
+        else:
+            weighted = error[self.rows][:, of] * self.weights[self.rows, None] ** 2
+            rises = np.einsum("prj,rp->jp", slopes, weighted)
+            least = _SETTLED * np.einsum("prj,rp->jp", np.abs(slopes), np.abs(weighted)).max(axis=0, initial=0.0)
+        low = self.error_model.chain.configurations.limits[0][:, None]
+        inward = np.where(held, np.where(values[:, of] <= low, -rises, rises), 0.0)
+        return np.asarray(inward.max(axis=0, initial=0.0) > least), inward.argmax(axis=0)
+
+    def _iterate(
+        self,
+        start: Array,
+        values: Array,
+        error: Array,
+        free: NDArray[np.bool_],
+        iterations: NDArray[np.int64],
+        poses: NDArray[np.intp],
+        active: NDArray[np.intp],
+    ) -> NDArray[np.bool_]:
+        """Let the free joints of the poses ``active`` converge, in place; return whether each did."""
+        asked = active
+        is_redundant = self.is_exact and len(self.rows) < len(values)
+        done = self._is_done(error, None)
+        if is_redundant:
+            done &= (values == start).all(axis=0)
+        for _ in range(_MOST_SETTLING if is_redundant else _MOST_ITERATIONS):
+            active = asked[~done[asked]]
+            if not len(active):
+                break
+            slopes = self.slopes(values[:, active], poses[active]) * free[:, active]
+            moved = np.where(free[:, active], values[:, active] - start[:, active], 0.0)
+            step, _ = self.step(moved, error[:, active], slopes)
+            values[:, active] += step * free[:, active]  # exactly at its limit, whatever the rounding
+            error[:, active] = self.error(values[:, active], poses[active])
+            iterations[active] += 1
+            done[active] = self._is_done(error[:, active], step)
+            if is_redundant:
+                size = np.abs((values - start)[:, active] / self.units).max(axis=0)
+                done[active] &= np.abs(step / self.units).max(axis=0) <= _SETTLED * size
+        return done[asked]
+
+    def _is_done(self, error: Array, step: Array | None) -> NDArray[np.bool_]:
+        if self.is_exact:
+            return np.asarray(np.abs(error[self.rows]).max(axis=0, initial=0.0) < CONVERGED)
+        if step is None:
+            return np.zeros(error.shape[1], dtype=bool)
+        return np.asarray(np.abs(step).max(axis=0, initial=0.0) < CONVERGED)
+
+
+def _length(chain: Chain) -> float:
+    """Return the sum of the distances between the joints, m, or 1 where that is zero."""
+    return float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0

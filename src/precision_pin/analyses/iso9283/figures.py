@@ -133,6 +133,25 @@ def _norm(vectors: Array, axis: int = 0) -> Array:
     return np.sqrt((vectors * vectors).sum(axis=axis))
 
 
+def fit_to(points: Array, deviations: Array) -> tuple[Array, Array]:
+    """Return rotation ``(3, 3, N)`` and residuals of AP_xyz of the best fit of the barycentres to the commanded points.
+
+    The fit minimises the sum of squared distances at the poses over all motions of the base (Kabsch 1976).
+    """
+    attained = points[:, :, None] + deviations
+    centre, wanted = attained.mean(axis=0), points.mean(axis=0)
+    cross = np.einsum("pi,pjn->nij", points - wanted, attained - centre)
+    left, _, right = np.linalg.svd(cross)
+    # a reflection is not a motion
+    left[:, :, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
+    turn = np.einsum("nij,njk->ikn", left, right)
+    moved = np.einsum("ijn,pjn->pin", turn, attained - centre) + wanted[:, None]
+    return turn, moved - points[:, :, None]
+
+
+DISTANCE: Final = (1, 3)
+"""Indices of the two poses of AD and RD, P2 and P4."""
+
 # E|g| of three independent standard normal numbers
 _MEAN_LENGTH: Final = 2 * math.sqrt(2 / math.pi)
 

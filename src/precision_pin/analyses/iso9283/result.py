@@ -19,8 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.analyses.iso9283.cube import Cube
-from precision_pin.analyses.iso9283.figures import MeasuredDistance, MeasuredPose, iso9283_distance, iso9283_of
-from precision_pin.analyses.iso9283.simulation import DISTANCE, fit_to
+from precision_pin.analyses.iso9283.figures import (
+    DISTANCE,
+    MeasuredDistance,
+    MeasuredPose,
+    fit_to,
+    iso9283_distance,
+    iso9283_of,
+)
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
