@@ -19,7 +19,7 @@ def prepare(asked: Asked) -> Job:
     """Return the law along the path of a command line."""
     poses, options = asked.read_pose_set(), asked.options
     # imported late: these take as long as all other imports, and reading a large file should start early
-    from precision_pin.analyses.path.path_law import count_steps, path_law
+    from precision_pin.analyses.path.path_law import path_law
     from precision_pin.model.error_model import ErrorModel
 
     model = ErrorModel.from_sheet(asked.sheet)
@@ -31,7 +31,7 @@ def prepare(asked: Asked) -> Job:
         path_law, model, poses, **{name: options[name] for name in names}, specifications=options["specs"],
         findings=asked.sheet.findings,
     )  # fmt: skip
-    steps = count_steps(len(poses), max(options["samples"], 0))
+    steps = 2 * len(poses) * max(options["samples"], 0)
 
     def run(progress: Callable[[int], None]) -> Any:
         is_refused = "samples" not in asked.chosen and steps > _LONG

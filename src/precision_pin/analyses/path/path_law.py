@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,11 +161,12 @@ class PathResult(AnalysisResult):
 
     def simultaneous(self, norm: int) -> Band:
         """Return the simultaneous band of |d| (``norm`` 0) or |δ| (1), with its coverage by fresh robots."""
-        factor = float(self.factor[norm])
-        if np.isnan(factor):
-            return self._band(None, None, int(self.kept_band[norm]))
-        low, high = self.factor_interval[:, norm].tolist()
-        return self._band(factor, (low, high), int(self.kept_band[norm]))
+        factor, (low, high), kept = (
+            float(self.factor[norm]),
+            self.factor_interval[:, norm].tolist(),
+            int(self.kept_band[norm]),
+        )
+        return self._band(None, None, kept) if np.isnan(factor) else self._band(factor, (low, high), kept)
 
     def pointwise(self, norm: int) -> Band:
         """Return the band of the quantiles at each pose, with the fraction of fresh robots below all of them."""
@@ -208,17 +209,17 @@ class PathResult(AnalysisResult):
     @property
     def maxima(self) -> dict[str, Any]:
         """Law of the largest |d| and |δ| along the path, as in the JSON."""
-        return {name: self._maximum(norm) for norm, name in enumerate(_NORMS)}
-
-    def _maximum(self, norm: int) -> dict[str, Any]:
-        quantiles = {one: self.maximum_quantile(norm, one) for one in self.levels}
-        return {
-            "min": self._ordered[norm, 0],
-            "max": self._ordered[norm, -1],
-            "quantiles": {level: one.value for level, one in quantiles.items()},
-            "quantile_interval": {level: one.interval for level, one in quantiles.items()},
-            "most_often_at": self.poses.labels[self.worst_pose(norm)],
-        }
+        found = {}
+        for norm, name in enumerate(_NORMS):
+            quantiles = [self.maximum_quantile(norm, one) for one in self.levels]
+            found[name] = {
+                "min": self._ordered[norm, 0],
+                "max": self._ordered[norm, -1],
+                "quantiles": {one.probability: one.value for one in quantiles},
+                "quantile_interval": {one.probability: one.interval for one in quantiles},
+                "most_often_at": self.poses.labels[self.worst_pose(norm)],
+            }
+        return found
 
     @property
     def bands(self) -> dict[str, Any]:
@@ -282,14 +283,8 @@ class PathResult(AnalysisResult):
         )
 
 
-MOST_SAMPLES: Final = 10**9
-MOST_THREADS: Final = 1024
-
 # smallest height of the curve that the band is scaled from, m or rad: errors below it are rounding
 _ROUNDING: Final = 1e-14
-_BYTES_OF_ROBOT: Final = 8 * (8 + 2 + 4)
-_BYTES_OF_TASK: Final = 8 * 2 * (6 + 6 + 8 + 4)
-_BYTES_OF_POSE: Final = 8 * 40
 
 
 @warns_at_end
@@ -334,17 +329,22 @@ def path_law(
         UnknownNameError: No such pose or joint.
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
-    check_whole("the number of samples", samples, 1, MOST_SAMPLES)
+    check_whole("the number of samples", samples, 1, 10**9)
     sampler.stage_of(model)
     share = check_number("probability", probability, "above 0 and below 1", lambda one: 0 < one < 1)
     listed = listed_specifications(specifications)
     if threads is not None:
-        check_whole("threads", threads, 1, MOST_THREADS)
-    _check_samples(int(samples), share, confidence)
+        check_whole("threads", threads, 1, 1024)
+    if quantile_ranks(int(samples), share, confidence) is None:
+        needed = math.ceil(math.log((1 - confidence) / 2) / math.log1p(-min(share, 1 - share)))
+        raise InputError(
+            f"{samples:,} samples do not resolve the {100 * share:.10g} % quantile; about {needed:,} or more do"
+        )
     given = _checked(error_model, pose_set(error_model, poses))
-    workers = threads or available_cores()
+    count, size, workers = len(given), int(samples), threads or available_cores()
+    # numbers kept of each robot, of each robot in every task under way, and of each pose
     check_memory(
-        float(samples) * (_BYTES_OF_ROBOT + 2 * workers * _BYTES_OF_TASK) + len(given) * _BYTES_OF_POSE,
+        8 * (float(samples) * (8 + 2 + 4 + 4 * workers * (6 + 6 + 8 + 4)) + len(given) * 40),
         f"{samples:,} robots along {len(given):,} poses",
         "sample fewer robots, or with fewer threads",
     )
@@ -354,46 +354,54 @@ def path_law(
         *exact_findings(error_model, given.q, given.approaches),
     )
     add(found)
-    run = _Run(int(samples), int(seed), model, share, confidence)
-    tally = _Tally(run, len(given))
-    with steps_to(progress, count_steps(len(given), int(samples))) as step:
+    observe = partial(_observe, samples=size, seed=int(seed), model=model, probability=share, confidence=confidence)
+    norms, curve, curve_interval = list(NORMS), np.empty((2, count)), np.empty((2, 2, count))
+    largest, where = np.full((8, size), -np.inf), np.zeros((2, size), dtype=np.int64)
+    fresh, ratios, varies = np.zeros((2, size)), np.zeros((2, size)), np.zeros(8, dtype=np.bool_)
+    with steps_to(progress, 2 * count * size) as step:
         layouts = enumerate(_layouts(error_model, given))
-        for at_pose in in_order((partial(run.observe, layout, pose) for pose, layout in layouts), workers):
-            tally.add(at_pose)
-            step(2 * run.samples)
-    worst = int(tally.curve[0].argmax())
+        tasks = (partial(observe, layout, pose) for pose, layout in layouts)
+        for pose, at_pose in enumerate(in_order(tasks, workers)):
+            # among equal errors the first pose counts
+            np.copyto(where, pose, where=at_pose.sizes[norms] > largest[norms])
+            np.maximum(largest, at_pose.sizes, out=largest)
+            np.maximum(fresh, at_pose.fresh, out=fresh)
+            np.maximum(ratios, at_pose.ratios, out=ratios)
+            curve[:, pose], curve_interval[:, :, pose] = at_pose.curve, at_pose.interval
+            varies |= at_pose.varies
+            step(2 * size)
+    worst = int(curve[0].argmax())
     strained = strained_findings(error_model, approached(given.take(np.array([worst])))[0], given.labels[worst])
     add(strained)
-    arrays = tally.to_arrays()
-    arrays["varies"] = _varying(error_model, given, arrays["varies"], {one.row for one in listed})
+    # a curve of zeros gives the band no shape: it then has the same height at every pose
+    shaped = curve.max(axis=1) > _ROUNDING
+    sizes = np.where(shaped[:, None], ratios, fresh)
+    # the curve is from other robots: given the curve these sizes are independent, and the upper end of the interval of
+    # their quantile exceeds the required fraction of all robots with the stated confidence (Wilks)
+    _, interval = quantile_of(sizes, share, confidence)
+    top = interval[1][:, None]
     return PathResult(
         provenance=Provenance.of(error_model, seed),
         joints=tuple(error_model.chain.joint_names),
         poses=given,
-        samples=run.samples,
+        samples=size,
         model=model,
         probability=share,
         confidence=confidence,
+        curve=curve,
+        curve_interval=curve_interval,
+        largest=largest,
+        share_of_maximum=np.stack([np.bincount(row, minlength=count) for row in where]) / size,
+        factor=np.where(shaped, interval[1], np.nan),
+        factor_interval=np.where(shaped, interval, np.nan),
+        band=np.where(shaped[:, None], curve * top, top),
+        kept_band=(sizes <= top).sum(axis=1),
+        kept_pointwise=(ratios <= 1.0).sum(axis=1),
+        varies=_varying(error_model, given, varies, {one.row for one in listed}),
         specifications=listed,
         grounds=grounds_at(error_model, given.q, given.labels, given.times),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found, *strained)))),
-        **arrays,
-    )
-
-
-def count_steps(poses: int, samples: int) -> int:
-    """Return the number of progress steps, one for each sample, including those for the factor of the band."""
-    return 2 * poses * samples
-
-
-def _check_samples(samples: int, probability: float, confidence: float) -> None:
-    if quantile_ranks(samples, probability, confidence) is not None:
-        return
-    rarer = min(probability, 1 - probability)
-    needed = math.ceil(math.log((1 - confidence) / 2) / math.log1p(-rarer))
-    raise InputError(
-        f"{samples:,} samples do not resolve the {100 * probability:.10g} % quantile; about {needed:,} or more do"
     )
 
 
@@ -436,8 +444,7 @@ def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]
         yield from sampler.to_arrays_at_poses(together)
 
 
-@dataclass(frozen=True, eq=False)
-class _AtPose:
+class _AtPose(NamedTuple):
     """Observations at a pose.
 
     Attributes:
@@ -447,7 +454,6 @@ class _AtPose:
         varies: Whether each quantity differs from robot to robot, ``(8,)``.
     """
 
-    pose: int
     sizes: Array
     curve: Array
     interval: Array
@@ -456,81 +462,31 @@ class _AtPose:
     varies: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class _Run:
-    samples: int
-    seed: int
-    model: Literal["exact", "linear"]
-    probability: float
-    confidence: float
-
-    def observe(self, layout: SamplerArrays, pose: int) -> _AtPose:
-        try:
-            errors = sampler.errors(layout, self.model, self.seed, 0, 2 * self.samples, pose=pose)
-        except InputError as error:
-            raise InputError(f"pose {pose + 1}: {error.findings[0].message}") from None
-        with np.errstate(over="ignore"):
-            norms = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
-        if not np.isfinite(norms).all():
-            raise InputError(
-                f"pose {pose + 1}: the errors are too large to compute with; the tolerances are far too large"
-            )
-        own = errors[:, : self.samples]
-        sizes = np.empty((8, self.samples))
-        sizes[list(COMPONENTS)] = np.abs(own)
-        sizes[list(NORMS)] = norms[:, : self.samples]
-        moves = own.max(axis=1) - own.min(axis=1) > NO_SPREAD
-        varies = np.zeros(8, dtype=np.bool_)
-        varies[list(COMPONENTS)] = moves
-        # a norm varies with its components: errors on a circle have a constant norm
-        varies[list(NORMS)] = moves.reshape(2, 3).any(axis=1)
-        curve, interval = quantile_of(sizes[list(NORMS)], self.probability, self.confidence)
-        fresh = norms[:, self.samples :]
-        ratios = fresh / np.maximum(curve, _ROUNDING)[:, None]
-        return _AtPose(pose, sizes, curve, interval, fresh, ratios, varies)
-
-
-class _Tally:
-    """Largest errors and ratios of every robot over the poses so far."""
-
-    def __init__(self, run: _Run, poses: int) -> None:
-        self._run = run
-        self.curve = np.empty((2, poses))
-        self._interval = np.empty((2, 2, poses))
-        self._largest = np.full((8, run.samples), -np.inf)
-        self._where = np.zeros((2, run.samples), dtype=np.int64)
-        self._fresh = np.zeros((2, run.samples))
-        self._ratios = np.zeros((2, run.samples))
-        self._varies = np.zeros(8, dtype=np.bool_)
-
-    def add(self, found: _AtPose) -> None:
-        """Add the next pose; among equal errors the first pose counts."""
-        norms = list(NORMS)
-        np.copyto(self._where, found.pose, where=found.sizes[norms] > self._largest[norms])
-        np.maximum(self._largest, found.sizes, out=self._largest)
-        np.maximum(self._fresh, found.fresh, out=self._fresh)
-        np.maximum(self._ratios, found.ratios, out=self._ratios)
-        self.curve[:, found.pose], self._interval[:, :, found.pose] = found.curve, found.interval
-        self._varies |= found.varies
-
-    def to_arrays(self) -> dict[str, Any]:
-        run, poses = self._run, self.curve.shape[1]
-        # a curve of zeros gives the band no shape: it then has the same height at every pose
-        shaped = (self.curve.max(axis=1) > _ROUNDING)[:, None]
-        sizes = np.where(shaped, self._ratios, self._fresh)
-        # the curve is from other robots: given the curve these sizes are independent, and the upper end of the interval
-        # of their quantile exceeds the required fraction of all robots with the stated confidence (Wilks)
-        _, interval = quantile_of(sizes, run.probability, run.confidence)
-        top, shaped = interval[1], shaped[:, 0]
-        return {
-            "curve": self.curve,
-            "curve_interval": self._interval,
-            "largest": self._largest,
-            "share_of_maximum": np.stack([np.bincount(row, minlength=poses) for row in self._where]) / run.samples,
-            "factor": np.where(shaped, top, np.nan),
-            "factor_interval": np.where(shaped, interval, np.nan),
-            "band": np.where(shaped[:, None], self.curve * top[:, None], top[:, None]),
-            "kept_band": (sizes <= top[:, None]).sum(axis=1),
-            "kept_pointwise": (self._ratios <= 1.0).sum(axis=1),
-            "varies": self._varies,
-        }
+def _observe(
+    layout: SamplerArrays,
+    pose: int,
+    *,
+    samples: int,
+    seed: int,
+    model: Literal["exact", "linear"],
+    probability: float,
+    confidence: float,
+) -> _AtPose:
+    try:
+        errors = sampler.errors(layout, model, seed, 0, 2 * samples, pose=pose)
+    except InputError as error:
+        raise InputError(f"pose {pose + 1}: {error.findings[0].message}") from None
+    with np.errstate(over="ignore"):
+        norms = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
+    if not np.isfinite(norms).all():
+        raise InputError(f"pose {pose + 1}: the errors are too large to compute with; the tolerances are far too large")
+    own = errors[:, :samples]
+    sizes, varies = np.empty((8, samples)), np.zeros(8, dtype=np.bool_)
+    sizes[list(COMPONENTS)], sizes[list(NORMS)] = np.abs(own), norms[:, :samples]
+    moves = own.max(axis=1) - own.min(axis=1) > NO_SPREAD
+    varies[list(COMPONENTS)] = moves
+    # a norm varies with its components: errors on a circle have a constant norm
+    varies[list(NORMS)] = moves.reshape(2, 3).any(axis=1)
+    curve, interval = quantile_of(sizes[list(NORMS)], probability, confidence)
+    fresh = norms[:, samples:]
+    return _AtPose(sizes, curve, interval, fresh, fresh / np.maximum(curve, _ROUNDING)[:, None], varies)
