@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.analyses.allocation.choices import Judge, Judged, Walk, walk
+from precision_pin.analyses.allocation.choices import Judge, Judged, walk
 from precision_pin.analyses.allocation.convex_program import (
     MOST_POINTS,
     FrontPoint,
@@ -285,21 +286,6 @@ class ErrorParts(Record):
         return [one / (sum(powers) or 1.0) for one in powers]
 
 
-def error_parts(
-    models: Sequence[ErrorModel], pose: str, rows: Sequence[int], quantity: str, *, worst_case: bool
-) -> ErrorParts:
-    """Return all sources' contributions for the models before, after, and with every chosen tolerance changed."""
-    before, after, changed = (_norm_parts(one, pose, list(rows), worst_case) for one in models)
-    rounding = _ROUNDING * max(before.values())
-    found = [
-        SourcePart(name, before[name], after[name], abs(changed[name] - before[name]) > rounding)
-        for name in before
-        if max(before[name], after[name]) > rounding
-    ]
-    ordered = tuple(sorted(found, key=lambda one: (-one.after, one.source)))
-    return ErrorParts(pose, quantity, "worst_case" if worst_case else "rms", ordered)
-
-
 def _norm_parts(model: ErrorModel, pose: str, rows: list[int], worst_case: bool) -> dict[str, float]:
     at = model.at(pose)
     each: Array = reaches(at, _DEVIATIONS)[:, rows[0]] if worst_case else by_draw(at)[:, rows].sum(axis=1)
@@ -378,12 +364,22 @@ def allocate(
         except NoScaleError as error:
             raise unchosen(error_model, error) from None
         judge = Judge(error_model, task, int(seed), int(for_samples))
-        search = _Search(task, parts, _members(task.tolerances), judge, monotonic() + seconds)
-        choices, members, end = search.choices, search.members, search.end
+        # tolerances of one group have one number; one without a group has its own
+        names = [one.group or f"\0{k}" for k, one in enumerate(task.tolerances)]
+        order = list(dict.fromkeys(names))
+        members, end = np.array([order.index(name) for name in names]), monotonic() + seconds
+        search = _Search(task, parts, members, judge, end)
+        choices = search.choices
         programme = search.programme(judge.aimed.tolist())
         walked = walk(programme, choices, members, parts, judge, int(seed), end)
         if walked is not None and walked.is_complete:
-            found = search.end_of(programme, walked)
+            if walked.chosen is None:
+                chosen = programme.least[members]
+                found = _Attempt(programme, None, chosen, judge.look(chosen), "samples")
+            else:
+                solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
+                chosen = walked.chosen[members]
+                found = _Attempt(programme, solution, chosen, walked.judged, "samples", walked.least_met)
             advance(_ROUNDS)
         else:
             rounds = search.rounds(advance)
@@ -403,8 +399,7 @@ def allocate(
                 if found.is_clear and (margin := judge.aimed - judge.required).any():
                     held = [one.probability for one in found.programme.limits if one.kind == "quantile"]
                     without = search.programme((np.array(held) - margin).tolist())
-                    near = None if found.solution is None else found.solution.t
-                    cheaper = solve(without, choices, end - monotonic(), lambda _: None, near)
+                    cheaper = solve(without, choices, end - monotonic(), lambda _: None, found.t)
                     found = replace(found, least_met=np.inf if cheaper is None else cheaper.cost)
         result = _result(search, found, int(seed), known)
         if not pareto:
@@ -440,6 +435,11 @@ class _Attempt:
     def cost(self) -> float:
         return np.inf if self.solution is None else self.solution.cost
 
+    @property
+    def t(self) -> Array:
+        """Value of each variable; of limits that cannot be met the tolerances that exceed them least."""
+        return self.programme.least if self.solution is None else self.solution.t
+
 
 @dataclass(frozen=True, eq=False)
 class _Search:
@@ -455,7 +455,7 @@ class _Search:
     def together(self) -> list[list[Tolerance]]:
         """Tolerances of each group."""
         groups = range(int(self.members.max()) + 1)
-        return [[one for one, own in zip(self.task.tolerances, self.members, strict=True) if own == g] for g in groups]
+        return [list(itertools.compress(self.task.tolerances, self.members == g)) for g in groups]
 
     @cached_property
     def choices(self) -> list[Array | None]:
@@ -492,18 +492,9 @@ class _Search:
             limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each, products))
         return Programme(costs, low, high, limits)
 
-    def end_of(self, programme: Programme, walked: Walk) -> _Attempt:
-        """Return the choice at which the walk ended; the narrowest one where none keeps the limits."""
-        if walked.chosen is None:
-            chosen = programme.least[self.members]
-            return _Attempt(programme, None, chosen, self.judge.look(chosen), "samples")
-        solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
-        chosen = walked.chosen[self.members]
-        return _Attempt(programme, solution, chosen, walked.judged, "samples", walked.least_met)
-
     def rounds(self, advance: Callable[[int], None]) -> list[_Attempt]:
         """Return the first-order rounds, each aimed by the samples of the previous one; the best comes last."""
-        aims = self.judge.aimed.tolist()
+        aims, judge = self.judge.aimed.tolist(), self.judge
         rounds: list[_Attempt] = []
         found: _Attempt | None = None
         tried: list[tuple[list[float], Array]] = []
@@ -511,31 +502,26 @@ class _Search:
             programme = self.programme(aims)
             near = None if found is None or found.solution is None else found.solution.t
             solution = solve(programme, self.choices, self.end - monotonic(), advance, near)
-            # limits that cannot be met are verified with the tolerances that exceed them least
-            chosen = (programme.least if solution is None else solution.t)[self.members]
-            made = _Attempt(programme, solution, chosen)
-            known = (
-                found.judged if found is not None and np.allclose(chosen, found.chosen, rtol=_SAME, atol=0) else None
-            )
-            if not self.judge.chances or (known is not None and known.is_clear and solution is not None):
-                rounds += [] if self.judge.chances else [made]
+            made = _Attempt(programme, solution, (programme.least if solution is None else solution.t)[self.members])
+            is_same = found is not None and np.allclose(made.chosen, found.chosen, rtol=_SAME, atol=0)
+            known = found.judged if found is not None and is_same and found.is_clear else None
+            if not judge.chances or (known is not None and solution is not None):
+                rounds += [] if judge.chances else [made]
                 found = found or made
                 break
             # retry the narrowest ones where the first order rejects what the samples accept
-            is_known = known is not None and known.is_clear
-            made = replace(made, judged=known if is_known else self.judge.look(chosen, self.judge.many))
+            made = replace(made, judged=known or judge.look(made.chosen, judge.many))
             rounds.append(made)
             advance(1)
             assert made.judged is not None
-            spare = made.judged.sampled[1].min(axis=1) - self.judge.aimed
+            spare = made.judged.sampled[1].min(axis=1) - judge.aimed
             # prefer those with the margin, then the cheaper; the last one where none is met
             better = found is not None and (made.is_clear, -made.cost) > (found.is_clear, -found.cost)
             if found is None or not found.is_met or (made.is_met and better):
                 found = made
             # of several limits only the active ones have reserve to give back
             holds = [
-                one.measure(programme.least[:, None] if solution is None else solution.t[:, None]).max()
-                > _HOLDS * one.limit
+                one.measure(made.t[:, None]).max() > _HOLDS * one.limit
                 for one in programme.limits
                 if one.kind == "quantile"
             ]
@@ -549,7 +535,7 @@ class _Search:
                 for *own, held in zip(*history, holds, strict=True)
             ]
         assert found is not None
-        advance(_ROUNDS - len(rounds) if self.judge.chances else _ROUNDS)
+        advance(_ROUNDS - len(rounds) if judge.chances else _ROUNDS)
         return [*(one for one in rounds if one is not found), found]
 
     def bound(self, rounds: Sequence[_Attempt]) -> tuple[float | None, Basis]:
@@ -561,26 +547,23 @@ class _Search:
         found = rounds[-1]
         if not self.judge.chances:
             return None if found.solution is None else found.solution.lower_bound, "proof"
-        if found.solution is None or not _near_normal(self.judge, self.parts):
+        # whether the laws of the chosen tolerances are about as close to normal as a uniform one is
+        columns = np.unique(np.concatenate([one.columns for one in self.parts.moved]))
+        numbers = in_deviations(self.judge.model.space, 0, _SHAPE_SAMPLES)[columns]
+        skewness, curvature = (numbers**3).mean(axis=1), (numbers**4).mean(axis=1) - 3
+        is_near = (np.abs(skewness) < _MOST_SKEWED).all() and (np.abs(curvature) < _MOST_CURVED).all()
+        if found.solution is None or not is_near:
             return None, "normal law"
         excess = np.zeros(len(self.judge.chances))
         for one in rounds:
-            t = one.programme.least if one.solution is None else one.solution.t
-            limits = [limit for limit in one.programme.limits if limit.kind == "quantile"]
-            normal = np.array([limit.probabilities(t) for limit in limits])
+            normal = np.array(
+                [limit.probabilities(one.t) for limit in one.programme.limits if limit.kind == "quantile"]
+            )
             assert one.judged is not None
             excess = np.maximum(excess, (one.judged.sampled[2] - normal).max(axis=1))
         programme = self.programme((self.judge.required - excess).tolist())
         wider = solve(programme, self.choices, max(self.end - monotonic(), 0.0), lambda _: None, found.solution.t)
         return (None if wider is None else wider.lower_bound), "normal law"
-
-
-def _near_normal(judge: Judge, parts: Contributions) -> bool:
-    """Return whether the laws of the chosen tolerances are about as close to normal as a uniform one is."""
-    columns = np.unique(np.concatenate([one.columns for one in parts.moved]))
-    numbers = in_deviations(judge.model.space, 0, _SHAPE_SAMPLES)[columns]
-    skewness, excess = (numbers**3).mean(axis=1), (numbers**4).mean(axis=1) - 3
-    return bool((np.abs(skewness) < _MOST_SKEWED).all() and (np.abs(excess) < _MOST_CURVED).all())
 
 
 def _next_aim(aims: Array, spares: Array) -> float:
@@ -602,22 +585,14 @@ def _next_aim(aims: Array, spares: Array) -> float:
     return min(step, float(special.ndtr(special.ndtri(aim) - stride)))
 
 
-def _members(tolerances: Sequence[Tolerance]) -> NDArray[np.intp]:
-    """Return the group number of each tolerance; one without a group has its own."""
-    names = [one.group or f"\0{k}" for k, one in enumerate(tolerances)]
-    order = list(dict.fromkeys(names))
-    return np.array([order.index(name) for name in names])
-
-
 def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding, ...]) -> AllocationResult:
     task, members, judge, model = search.task, search.members, search.judge, search.judge.model
     values, _ = model.configurations(list(task.poses))
     grounds = grounds_at(model, values, task.poses)
     programme, solution = found.programme, found.solution
     judged, places, row = [], [], 0
-    t = programme.least if solution is None else solution.t
     for k, one in enumerate(task.limits):
-        measure = programme.limits[k].measure(t[:, None])[0]
+        measure = programme.limits[k].measure(found.t[:, None])[0]
         worst = int(measure.argmax()) % len(task.poses)
         places.append(int(measure.argmax()))
         sampled: dict[str, Any] = {}
@@ -645,6 +620,7 @@ def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding
     width = np.zeros(len(programme.low)) if solution is None else solution.bound_prices
     graded = np.array([search.choices[own] is not None for own in members])
     cost = np.array([float(one.cost.at(value)) for one, value in zip(task.tolerances, found.chosen, strict=True)])
+    tightest = tightest_of(judged)
     return AllocationResult(
         provenance=Provenance.of(model, seed),
         tolerances=task.tolerances,
@@ -656,7 +632,7 @@ def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding
         limits=tuple(judged),
         for_samples=judge.for_samples,
         margin_cost=max(float(cost.sum()) - found.least_met, 0.0) if np.isfinite(found.least_met) else None,
-        parts=_parts(model, task, found, places[tightest_of(judged)], tightest_of(judged)),
+        parts=_parts(model, task, found, places[tightest], tightest),
         poses=task.poses,
         feasible=solution is not None or all(one.is_kept for one in judged),
         grounds=grounds,
@@ -676,9 +652,18 @@ def _parts(model: ErrorModel, task: Problem, found: _Attempt, place: int, limit:
     if worst_case:
         rows = (rows[row],)
     name = _quantity(one) if not worst_case else QUANTITIES[COMPONENTS[rows[0]]]
-    before = np.array([tolerance.before for tolerance in task.tolerances])
-    models = [model, *(changed_model(model, task.tolerances, values) for values in (found.chosen, 2 * before))]
-    return error_parts(models, task.poses[pose], rows, name, worst_case=worst_case)
+    sheet = np.array([tolerance.before for tolerance in task.tolerances])
+    # of the model as it is, with the chosen tolerances, and with all of them doubled
+    models = [model, *(changed_model(model, task.tolerances, values) for values in (found.chosen, 2 * sheet))]
+    before, after, changed = (_norm_parts(one, task.poses[pose], list(rows), worst_case) for one in models)
+    rounding = _ROUNDING * max(before.values())
+    parts = [
+        SourcePart(source, before[source], after[source], abs(changed[source] - before[source]) > rounding)
+        for source in before
+        if max(before[source], after[source]) > rounding
+    ]
+    ordered = tuple(sorted(parts, key=lambda part: (-part.after, part.source)))
+    return ErrorParts(task.poses[pose], name, "worst_case" if worst_case else "rms", ordered)
 
 
 def _quantity(one: Specification | Bound) -> str:

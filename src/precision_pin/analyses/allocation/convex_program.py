@@ -22,7 +22,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from time import monotonic
 from typing import Any, Final, final
 
@@ -44,7 +44,6 @@ ROUNDING: Final = 1e-9
 """Relative excess of a limit that counts as rounding."""
 # points of a line evaluated together
 _AT_ONCE: Final = 34
-_HALF: Final = 0.5
 # lowest probability from which no two covariances that keep the quantile were found with one between them that does not
 _CONVEX: Final = 0.92
 # relative distance from a limit below which it is active
@@ -89,7 +88,7 @@ class Limit(Fixed):
     @property
     def is_convex(self) -> bool:
         """Whether the variances that keep the limit form a convex set; those of one component are below a bound."""
-        return self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= _HALF)
+        return self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= 0.5)
 
     @property
     def has_bound(self) -> bool:
@@ -196,15 +195,13 @@ class Programme:
 
     def cost_of(self, t: Array) -> Array:
         """Return the cost of each tolerance, ``(n, …)``."""
-        return np.stack(
-            [sum((c.at(one) for c in own), np.zeros_like(one)) for own, one in zip(self.costs, t, strict=True)]
-        )
+        pairs = zip(self.costs, t, strict=True)
+        return np.stack([sum((cost.at(one) for cost in own), np.zeros_like(one)) for own, one in pairs])
 
     def slope_of(self, t: Array) -> Array:
         """Return the derivative of each cost with respect to its tolerance, ``(n, …)``."""
-        return np.stack(
-            [sum((c.slope(one) for c in own), np.zeros_like(one)) for own, one in zip(self.costs, t, strict=True)]
-        )
+        pairs = zip(self.costs, t, strict=True)
+        return np.stack([sum((cost.slope(one) for cost in own), np.zeros_like(one)) for own, one in pairs])
 
     def shares(self, t: Array) -> Array:
         """Return each measure over its limit, ``(m, all places)``, for tolerances ``(n, m)``."""
@@ -303,20 +300,17 @@ class Programme:
         constant = 0.0
         for k, one in enumerate(self.limits):
             own = multipliers[places == k]
-            if len(one.pairs):
-                # a tangent in t: with correlated tolerances the measure is convex in t, not in t²
-                half = slopes[k] @ own
-                line += half / t
+            if len(one.pairs) or one.kind == "quantile":
+                # with correlated tolerances the measure is convex in t, not in t²
+                sums, power = (line, 1) if len(one.pairs) else (square, 2)
+                half = slopes[k] @ own / power
+                sums += half / t**power
                 constant += float(own @ one.excess(t) - half.sum())
             elif one.kind == "rms":
                 own = own / (2 * one.limit**2)
                 still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
                 square += np.einsum("niip,p->n", one.parts, own)
                 constant += float(own @ (still - one.limit**2))
-            elif one.kind == "quantile":
-                half = slopes[k] @ own / 2
-                square += half / t**2
-                constant += float(own @ one.excess(t) - half.sum())
             else:
                 own = own / one.limit
                 still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
@@ -344,21 +338,33 @@ _ROUNDS: Final = 1000
 _LEAST_TIME: Final = 0.5
 
 
-def solve_with_grades(
-    programme: Programme, choices: Sequence[Array | None], seconds: float, advance: Callable[[int], None]
+def solve(
+    programme: Programme,
+    choices: Sequence[Array | None],
+    seconds: float,
+    advance: Callable[[int], None],
+    near: Array | None = None,
 ) -> Solution | None:
     """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit.
 
-    ``choices`` are the available values of each variable, narrowest first, or ``None`` for any. After ``seconds`` the
-    best so far is returned, with its lower bound. ``advance`` is called after each round of both bounds.
+    ``choices`` are the available values of each variable, narrowest first, or ``None`` for any. With grades, after
+    ``seconds`` the best so far is returned, with its lower bound, and ``advance`` is called with 0 after each round of
+    both bounds; without any, the search starts from ``near``.
     """
-    end = monotonic() + seconds
     fixed = np.array([one is not None for one in choices])
-    best = _with_grades(programme, fixed, programme.low)
+    if not fixed.any():
+        return programme.solve(near)
+    end = monotonic() + max(seconds, 0.0)
+
+    def solved_at(t: Array) -> Solution | None:
+        low, high = np.where(fixed, t, programme.low), np.where(fixed, t, programme.high)
+        return replace(programme, low=low, high=high).solve()
+
+    best = solved_at(programme.low)
     if best is None and (programme.is_monotone or programme.exceeded(programme.least).max() > ROUNDING):
         return None
     if best is not None and fixed.all():
-        best = _with_grades(programme, fixed, _widened(programme, choices)) or best
+        best = solved_at(_widened(programme, choices)) or best
     relaxed = _Relaxation(programme, choices, (0.0 if best is None else abs(best.cost)) or 1.0)
     relaxed.cut(programme.high)
     if best is not None:
@@ -376,7 +382,7 @@ def solve_with_grades(
             # the remaining gap is then rounding of the linear programme
             if best is not None and gained <= _GAP / 10 * abs(best.cost):
                 break
-        elif (solution := _with_grades(programme, fixed, t)) is None:
+        elif (solution := solved_at(t)) is None:
             relaxed.refuse(t)
         else:
             seen.add(t[fixed].tobytes())
@@ -384,16 +390,11 @@ def solve_with_grades(
             relaxed.touch(solution.t)
         relaxed.add_tangents(t)
         relaxed.cut(t)
-        advance(1)
+        advance(0)
     if best is None:
         return None
     known = np.isfinite(bound) and all(one.has_bound for one in programme.limits)
     return replace(best, lower_bound=min(bound, best.cost) if known else None)
-
-
-def _with_grades(programme: Programme, fixed: NDArray[np.bool_], t: Array) -> Solution | None:
-    low, high = np.where(fixed, t, programme.low), np.where(fixed, t, programme.high)
-    return replace(programme, low=low, high=high).solve()
 
 
 def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
@@ -439,6 +440,8 @@ class _Relaxation:
         self._lower, self._upper = np.zeros(count), np.ones(count)
         self._rows: list[Array] = []
         self._most: list[float] = []
+        # limits that are no linear rows in t or t²
+        self._curved = [one for one in programme.limits if one.kind == "quantile" or len(one.pairs)]
         costs = programme.cost_of
         for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
             if own is None:
@@ -456,7 +459,14 @@ class _Relaxation:
                 self._cost[columns] = costs(grades)[k] / self._scale
                 self._integral[columns] = 1.0
         for one in programme.limits:
-            self._add_limit(one)
+            if one.kind == "rms" and not len(one.pairs):
+                still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
+                for place, parts in enumerate(np.einsum("niip->pn", one.parts)):
+                    self._add((parts * self._widest**2 / one.limit**2) @ self._square, 1 - still[place] / one.limit**2)
+            elif one.kind == "worst_case":
+                still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
+                for place, parts in enumerate(one.parts[:, :, 0].reshape(size, -1).T):
+                    self._add((parts * self._widest / one.limit) @ self._t, 1 - still[place] / one.limit)
         for share in np.linspace(0, 1, _TANGENTS):
             self.add_tangents(np.exp((1 - share) * np.log(programme.low) + share * np.log(programme.high)))
 
@@ -498,10 +508,8 @@ class _Relaxation:
 
     def add_tangents(self, t: Array) -> None:
         """Bound t² and the cost of tolerances without grades by tangents at ``t``."""
-        costs, slopes = (
-            self._programme.cost_of(t) / self._scale,
-            self._programme.slope_of(t) * self._widest / self._scale,
-        )
+        costs = self._programme.cost_of(t) / self._scale
+        slopes = self._programme.slope_of(t) * self._widest / self._scale
         for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
             if own is not None:
                 continue
@@ -520,30 +528,24 @@ class _Relaxation:
     def touch(self, t: Array) -> None:
         """Add all tangents at tolerances ``t``, including those of active quantiles."""
         self.add_tangents(t)
-        for one in self._programme.limits:
-            if one.kind != "quantile" and not len(one.pairs):
-                continue
-            excess = one.excess(t)
-            slopes = one.log_slopes(t)
+        for one in self._curved:
+            excess, slopes = one.excess(t), one.log_slopes(t)
             for place in np.flatnonzero(excess > -_NEAR):
                 self._add_slope(one, slopes[:, place], t, -float(excess[place]))
 
     def cut(self, t: Array) -> None:
         """Add the tangents of the quantiles that ``t`` exceeds, each where the line to ``t`` in t² leaves the limit."""
         low = self._programme.least
-        for one in self._programme.limits:
-            if one.kind != "quantile" and not len(one.pairs):
-                continue
-            exceeded = np.flatnonzero((one.excess(t) > 0) & (one.excess(low) <= 0))
-            for place in exceeded:
+        steps = t**2 - low**2
+
+        def kept(only: Limit, shares: Array) -> NDArray[np.bool_]:
+            return only.measure(np.sqrt((low**2)[:, None] + shares * steps[:, None]))[:, 0] <= only.limit
+
+        for one in self._curved:
+            for place in np.flatnonzero((one.excess(t) > 0) & (one.excess(low) <= 0)):
                 only = one.at_place(int(place))
-                steps = (t**2 - low**2)[:, None]
-                _, most = last_kept(
-                    lambda shares, only=only, steps=steps: (  # type: ignore[misc]
-                        only.measure(np.sqrt((low**2)[:, None] + shares * steps))[:, 0] <= only.limit
-                    )
-                )
-                between = np.sqrt(low**2 + most * (t**2 - low**2))
+                _, most = last_kept(partial(kept, only))
+                between = np.sqrt(low**2 + most * steps)
                 self._add_slope(one, only.log_slopes(between)[:, 0], between, 0.0)
 
     def _add_slope(self, one: Limit, slopes: Array, t: Array, left: float) -> None:
@@ -552,18 +554,6 @@ class _Relaxation:
             self._add((slopes / t * self._widest) @ self._t, float(slopes.sum()) + left)
         else:
             self._add((slopes / (2 * t**2) * self._widest**2) @ self._square, float(slopes.sum()) / 2 + left)
-
-    def _add_limit(self, one: Limit) -> None:
-        if len(one.pairs):
-            return
-        if one.kind == "rms":
-            still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
-            for place, parts in enumerate(np.einsum("niip->pn", one.parts)):
-                self._add((parts * self._widest**2 / one.limit**2) @ self._square, 1 - still[place] / one.limit**2)
-        elif one.kind == "worst_case":
-            still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
-            for place, parts in enumerate(one.parts[:, :, 0].reshape(len(self._widest), -1).T):
-                self._add((parts * self._widest / one.limit) @ self._t, 1 - still[place] / one.limit)
 
     def _add(self, row: Array, most: float) -> None:
         size = float(np.abs(row).max(initial=0.0))
@@ -629,19 +619,6 @@ class FrontPoint(Record):
     cost: float
     lower_bound: float | None
     tolerances: Array
-
-
-def solve(
-    programme: Programme,
-    choices: Sequence[Array | None],
-    seconds: float,
-    advance: Callable[[int], None],
-    near: Array | None = None,
-) -> Solution | None:
-    """Return the cheapest tolerances, with or without grades, as :func:`solve_with_grades`, starting from ``near``."""
-    if all(one is None for one in choices):
-        return programme.solve(near)
-    return solve_with_grades(programme, choices, max(seconds, 0.0), lambda _: advance(0))
 
 
 def pareto_front(

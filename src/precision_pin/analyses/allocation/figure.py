@@ -24,7 +24,7 @@ from precision_pin.base.errors import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
-from precision_pin.render.html import Html, items, section, table
+from precision_pin.render.html import items, section, table
 from precision_pin.render.scene import Chapter
 from precision_pin.render.tables import symbol
 
@@ -94,28 +94,18 @@ def _draw_front(axes: Axes, result: AllocationResult) -> None:
 
 def allocation_chapter(result: AllocationResult) -> Chapter:
     """Return the allocation as a chapter."""
-    return Chapter("allocation", "Allocation", _section(result), (f"Allocation: {_answer(result)}",))
-
-
-def _answer(result: AllocationResult) -> str:
-    return " ".join(line.strip() for line in verdict_lines(result))
-
-
-def _section(result: AllocationResult) -> Html:
+    answer = " ".join(line.strip() for line in verdict_lines(result))
     picture = inline_figure(
         figure(result),
         "allocation",
-        f"Sources before and after: {_answer(result)}",
+        f"Sources before and after: {answer}",
         "What causes the error at the worst pose, before and after, and the least cost for other limits.",
     )
     listed = [
         ("Tolerances before and after", tolerance_rows(result), (4,)),
-        (_capital(parts_in_words(result)), part_rows(result), (4,)),
-        *([(_capital(front_in_words(result)), front_rows(result), ())] if result.front else []),
+        (parts_in_words(result), part_rows(result), (4,)),
+        *([(front_in_words(result), front_rows(result), ())] if result.front else []),
     ]
-    tables = [table(caption, rows[0], rows[1:], words=words) for caption, rows, words in listed]
-    return section("allocation", "Allocation", items([_answer(result), *limit_lines(result)]), picture, *tables)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    tables = [table(text[0].upper() + text[1:], rows[0], rows[1:], words=words) for text, rows, words in listed]
+    content = section("allocation", "Allocation", items([answer, *limit_lines(result)]), picture, *tables)
+    return Chapter("allocation", "Allocation", content, (f"Allocation: {answer}",))

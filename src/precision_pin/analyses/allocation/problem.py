@@ -100,7 +100,7 @@ def check_problem(model: ErrorModel, task: Problem) -> None:
     assert model.sheet is not None
     try:
         with unheard():
-            contributions(model, task.tolerances, task.poses[:1], worst_case=False, advance=_ignore)
+            contributions(model, task.tolerances, task.poses[:1], worst_case=False, advance=lambda _: None)
     except NoScaleError as error:
         with _at(model.sheet.contents, "tolerances", [one.path for one in task.tolerances].index(error.path)):
             raise unchosen(model, error) from None
@@ -294,7 +294,7 @@ def _can_be_chosen(model: ErrorModel, path: str) -> bool:
     try:
         one = _read({"path": path, "cost": {"reciprocal": 1}}, path, next(iter(values_of(model, path).values())))
         with unheard():
-            contributions(model, [one], list(model.poses)[:1], worst_case=False, advance=_ignore)
+            contributions(model, [one], list(model.poses)[:1], worst_case=False, advance=lambda _: None)
     except InputError:
         return False
     return True
@@ -309,10 +309,6 @@ def unchosen(model: ErrorModel, error: NoScaleError) -> InputError:
             "ones by --set calibrated=none, or tolerances of scope visit or pose, which a calibration leaves"
         )
     return InputError(f"{error.findings[0].message}{beside(model, path)}")
-
-
-def _ignore(count: int) -> None:
-    del count
 
 
 def beside(model: ErrorModel, path: str) -> str:

@@ -119,10 +119,10 @@ def _in_words(one: AllocatedLimit) -> str:
 
 
 def _reached(one: AllocatedLimit) -> str:
-    if one.probability is None or one.interval is None:
-        return f"it is {1e3 * one.first_order:.4g} {unit(one.quantity)} at {visible(one.worst_pose)}"
-    low, high = (100 * end for end in one.interval)
-    return f"{100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) keep it at {visible(one.worst_pose)}"
+    reached = (
+        f"{share} keep it" if (share := _share(one)) else f"it is {1e3 * one.first_order:.4g} {unit(one.quantity)}"
+    )
+    return f"{reached} at {visible(one.worst_pose)}"
 
 
 def _obstacles(result: AllocationResult) -> str:
@@ -177,19 +177,23 @@ def front_rows(result: AllocationResult) -> list[list[str]]:
 
 def limit_lines(result: AllocationResult) -> list[str]:
     """Return a line or two for each limit."""
-    return [_limit(one) for one in result.limits]
-
-
-def _limit(one: AllocatedLimit) -> str:
-    size = unit(one.quantity)
-    price = f", {one.shadow_price / 1e3:.4g} saved for each {size} more" if one.shadow_price else ""
-    if one.interval is None or one.required is None or one.probability is None:
-        return (
+    lines = []
+    for one in result.limits:
+        size, share = unit(one.quantity), _share(one)
+        price = f", {one.shadow_price / 1e3:.4g} saved for each {size} more" if one.shadow_price else ""
+        lines.append(
             f"{one.quantity} {_WORDS[one.kind]}{1e3 * one.first_order:.4g} of {1e3 * one.limit:.4g} {size} at "
             f"{visible(one.worst_pose)}, first order{price}"
+            if one.required is None
+            else f"{one.quantity} within {1e3 * one.limit:.4g} {size}: {share} of {100 * one.required:.4g} %\n  at the "
+            f"worst pose {visible(one.worst_pose)}: {one.verdict.upper()}{price}"
         )
+    return lines
+
+
+def _share(one: AllocatedLimit) -> str:
+    """Return the fraction of the samples inside with its interval; empty for a limit without probability."""
+    if one.probability is None or one.interval is None:
+        return ""
     low, high = (100 * end for end in one.interval)
-    return (
-        f"{one.quantity} within {1e3 * one.limit:.4g} {size}: {100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %) of "
-        f"{100 * one.required:.4g} %\n  at the worst pose {visible(one.worst_pose)}: {one.verdict.upper()}{price}"
-    )
+    return f"{100 * one.probability:.2f} % ({low:.2f} to {high:.2f} %)"

@@ -166,10 +166,8 @@ def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> 
             f"{where}: a cost is one of {', '.join((*_UNITS, *_LISTS))} with its numbers, got {shown(given)}"
         )
     kind, numbers = next(iter(given.items()))
-    if kind == "grades":
-        return _grades(_listed_grades(numbers, where, quantity), where)
-    if kind == "iso286":
-        return _grades(_iso_grades(numbers, where, quantity, key), where)
+    if kind in _LISTS:
+        return _read_grades(kind, numbers, where, quantity, key)
     listed = list(numbers) if isinstance(numbers, list | tuple) else [numbers]
     if len(listed) != len(_UNITS[kind]):
         raise InputError(f"{where}: the cost {kind} has {len(_UNITS[kind])} numbers, got {shown(numbers)}")
@@ -206,40 +204,36 @@ def _factor(form: str, factor: float) -> float:
     return float(factor ** float(form.partition("^")[2] or 1))
 
 
-def _listed_grades(given: object, where: str, quantity: units.Quantity) -> list[tuple[str, float, float]]:
-    """Return name, tolerance and price of each grade of a list ``[[tolerance, price], …]``."""
-    if not isinstance(given, list | tuple) or not all(isinstance(one, list | tuple) and len(one) == 2 for one in given):
-        raise InputError(f"{where}: grades are a list of [tolerance, price], got {shown(given)}")
-    return [("", _width(width, where, quantity), _price(price, where)) for width, price in given]
-
-
-def _iso_grades(given: object, where: str, quantity: units.Quantity, key: str) -> list[tuple[str, float, float]]:
-    """Return the priced grades of ISO 286; a half-width is half of a grade's width."""
-    if key == "std":
+def _read_grades(kind: str, given: object, where: str, quantity: units.Quantity, key: str) -> Grades:
+    """Return the grades of a list ``[[tolerance, price], …]``, or of ISO 286: a half-width is half of a grade's width."""
+    if kind == "grades":
+        if not isinstance(given, list | tuple) or not all(
+            isinstance(one, list | tuple) and len(one) == 2 for one in given
+        ):
+            raise InputError(f"{where}: grades are a list of [tolerance, price], got {shown(given)}")
+        entries = [("", _width(width, where, quantity), _price(price, where)) for width, price in given]
+    elif key == "std":
         raise InputError(
             f"{where}: a grade of ISO 286 limits a width, and this is a standard deviation; list its grades"
         )
-    if quantity is not units.LENGTH:
+    elif quantity is not units.LENGTH:
         raise InputError(f"{where}: the grades of ISO 286 are lengths, and this tolerance is an angle")
-    if not isinstance(given, Mapping) or set(given) != {"size", "prices"} or not isinstance(given["prices"], Mapping):
+    elif not isinstance(given, Mapping) or set(given) != {"size", "prices"} or not isinstance(given["prices"], Mapping):
         raise InputError(f"{where}: iso286 has a size and prices by grade, got {shown(given)}")
-    size = _width(given["size"], where, quantity)
-    share = 1.0 if key == "diameter" else 0.5
-    with said_of(where):
-        return [
-            (str(name), grade_width(str(name), size) * share, _price(price, where))
-            for name, price in given["prices"].items()
-        ]
-
-
-def _grades(entries: list[tuple[str, float, float]], where: str) -> Grades:
+    else:
+        size, share = _width(given["size"], where, quantity), 1.0 if key == "diameter" else 0.5
+        with said_of(where):
+            entries = [
+                (str(name), grade_width(str(name), size) * share, _price(price, where))
+                for name, price in given["prices"].items()
+            ]
     if not entries:
         raise InputError(f"{where}: there are no grades to choose from")
-    ordered = sorted(entries, key=lambda one: one[1])
-    widths = np.array([one[1] for one in ordered])
+    names, listed, prices = zip(*sorted(entries, key=lambda one: one[1]), strict=True)
+    widths = np.array(listed)
     if (np.diff(widths) <= 1e-9 * widths[1:]).any():
         raise InputError(f"{where}: two grades have the same tolerance")
-    return Grades(tuple(one[0] for one in ordered), widths, np.array([one[2] for one in ordered]))
+    return Grades(names, widths, np.array(prices))
 
 
 def _width(given: object, where: str, quantity: units.Quantity) -> float:

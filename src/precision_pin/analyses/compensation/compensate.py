@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,14 +57,7 @@ class CompensationResult(AnalysisResult):
     schema: ClassVar[str] = "precision-pin/compensation/1"
 
     KEYS: ClassVar[Keys] = (
-        "*head",
-        "mode",
-        "weights",
-        "sources",
-        "poses=entries",
-        "assumptions",
-        "warnings",
-        "findings",
+        *("*head", "mode", "weights", "sources", "poses=entries", "assumptions", "warnings", "findings"),
     )
 
     joints: tuple[str, ...]
@@ -180,9 +174,6 @@ class CompensationResult(AnalysisResult):
 _MOST_ROWS = 20
 
 
-_POSITION = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-
-
 @warns_at_end
 def compensate(
     error_model: ErrorModel,
@@ -217,52 +208,25 @@ def compensate(
     check_choice("mode", mode, ("position", "pose"))
     known_findings = check_items("findings", findings, Finding)
     check_progress(progress)
-    given_weights = _check_weights(mode, weights)
-    needed = int(_POSITION.sum()) if mode == "position" else 6
-    joints = len(error_model.chain.joints)
-    if given_weights is None and joints < needed:
+    is_exact = weights is None
+    if not is_exact and mode != "pose":
+        raise InputError('weights need mode="pose"; in mode "position" the three components of the position vanish')
+    effective = np.repeat([1.0, float(mode == "pose")], 3) if is_exact else check_numbers("weights", weights, (6,))
+    if (effective < 0).any() or not effective.any():
+        raise InputError("weights must not be negative, and one must be positive")
+    needed, joints = np.count_nonzero(effective), len(error_model.chain.joints)
+    if is_exact and joints < needed:
         other = "correct the position, or give weights" if mode == "pose" else 'give weights with mode="pose"'
         raise InputError(f"{mode} has {needed} components, which {joints} joints cannot all correct; {other}")
     given = pose_set(error_model, poses)
-    if not given.known.any():
+    known = given.known
+    if not known.any():
         raise InputError(f"none of the {len(given):,} poses has joint values")
-    values = given.q[:, given.known]
-    effective = given_weights if given_weights is not None else _POSITION if mode == "position" else np.ones(6)
+    values, approaches, lines = given.q[:, known], given.of(known).approaches, source_lines(error_model)
     with steps_to(progress, values.shape[1], "poses") as step:
-        approaches = given.of(given.known).approaches
-        correction = correct(error_model, values, approaches, effective, given_weights is None, step)
-    labels = [label for label, is_known in zip(given.labels, given.known, strict=True) if is_known]
-    result = _with_laws(error_model, given, correction, mode, given_weights)
-    worst = int(np.nanargmax(np.linalg.norm(result.correction.before[:3], axis=0)))
-    at = approached(given.take(np.array([worst])))[0]
-    found = (
-        *pose_findings(error_model.chain, values, labels),
-        *strained_findings(error_model, at, given.labels[worst], first_order=True),
-    )
-    add(found)
-    return replace(result, findings=known_findings, warnings=list_warnings(known_findings, map(str, found)))
-
-
-def _check_weights(mode: Mode, weights: ArrayLike | None) -> Array | None:
-    if weights is None:
-        return None
-    if mode != "pose":
-        raise InputError('weights need mode="pose"; in mode "position" the three components of the position vanish')
-    checked = check_numbers("weights", weights, (6,))
-    if (checked < 0).any() or not checked.any():
-        raise InputError("weights must not be negative, and one must be positive")
-    return checked
-
-
-def _with_laws(
-    error_model: ErrorModel, poses: PoseSet, correction: Correction, mode: Mode, weights: Array | None
-) -> CompensationResult:
-    """Return the result with the laws before and after, over all poses; NaN where unknown."""
-    known = poses.known
-    lines = source_lines(error_model)
+        correction = correct(error_model, values, approaches, effective, is_exact, step)
     corrected = np.array(correction.status) == "corrected"
-    approaches = poses.of(known).approaches
-    before = first_order(error_model, poses.q[:, known], approaches, lines, None, lambda _: None)
+    before = first_order(error_model, values, approaches, lines, None, lambda _: None)
     within = np.full((2, len(corrected)), np.nan)
     shares = np.full((len(lines), len(corrected)), np.nan)
     if corrected.any():
@@ -272,24 +236,29 @@ def _with_laws(
         shares[:, corrected] = after.shares
 
     def spread(array: NDArray[Any], fill: float = np.nan) -> NDArray[Any]:
-        full = np.full((*array.shape[:-1], len(poses)), fill)
+        full = np.full((*array.shape[:-1], len(given)), fill)
         full[..., known] = array
         return full
 
-    status = np.array(poses.status, dtype="<U11")
+    status = np.array(given.status, dtype="<U11")
     status[known] = correction.status
+    worst = int(np.nanargmax(np.linalg.norm(spread(correction.before)[:3], axis=0)))
+    found = (
+        *pose_findings(error_model.chain, values, list(itertools.compress(given.labels, known))),
+        *strained_findings(
+            error_model, approached(given.take(np.array([worst])))[0], given.labels[worst], first_order=True
+        ),
+    )
+    add(found)
     return CompensationResult(
         provenance=Provenance.of(error_model, 0),
         joints=tuple(error_model.chain.joint_names),
         prismatic=tuple(error_model.chain.prismatic),
-        poses=poses,
+        poses=given,
         mode=mode,
-        weights=weights,
+        weights=None if is_exact else effective,
         correction=Correction(
-            q=spread(correction.q),
-            before=spread(correction.before),
-            first_order=spread(correction.first_order),
-            after=spread(correction.after),
+            **{name: spread(getattr(correction, name)) for name in ("q", "before", "first_order", "after")},
             iterations=spread(correction.iterations, 0),
             status=tuple(status.tolist()),
             is_least=spread(correction.is_least, True),
@@ -298,6 +267,8 @@ def _with_laws(
         within_after=spread(within),
         sources=tuple(line.name for line in lines),
         shares=spread(shares),
+        findings=known_findings,
+        warnings=list_warnings(known_findings, map(str, found)),
     )
 
 
@@ -387,13 +358,9 @@ def correct(
     poses = values.shape[1]
     before = arm.error(values, np.arange(poses))
     step, smallest = arm.step(np.zeros(values.shape), before, arm.nominal_slopes(values))
-    one_step = values + step
-    first_order = arm.error(one_step, np.arange(poses))
-    found = values.copy()
-    after = before.copy()
-    iterations = np.zeros(poses, dtype=np.int64)
-    status = np.full(poses, "unreachable", dtype="<U11")
-    is_least = np.ones(poses, dtype=bool)
+    first_order = arm.error(values + step, np.arange(poses))
+    found, after, iterations = values.copy(), before.copy(), np.zeros(poses, dtype=np.int64)
+    status, is_least = np.full(poses, "unreachable", dtype="<U11"), np.ones(poses, dtype=bool)
     outside = error_model.chain.configurations.outside(values).any(axis=0)
     status[outside] = "limit"
     singular = ~outside & (smallest < SINGULAR_BELOW) & is_exact
@@ -410,13 +377,22 @@ def correct(
                 status[pose] = "corrected"
         advance(len(part))
     advance(poses - len(chosen))
-    failed = status != "corrected"
-    found[:, failed] = np.nan
-    after[:, failed] = np.nan
+    found[:, status != "corrected"] = after[:, status != "corrected"] = np.nan
     return Correction(found, before, first_order, after, iterations, tuple(status.tolist()), is_least)
 
 
 _AT_ONCE: Final = 256
+
+
+class _State(NamedTuple):
+    """Poses under correction, changed in place: where the change is measured from, joint values, errors, and so on."""
+
+    start: Array
+    values: Array
+    error: Array
+    free: NDArray[np.bool_]
+    iterations: NDArray[np.int64]
+    poses: NDArray[np.intp]
 
 
 @final
@@ -437,9 +413,20 @@ class _Arm:
         return np.where(chain.prismatic, _length(chain), 1.0)[:, None]
 
     @property
+    def limits(self) -> tuple[Array, Array]:
+        """Least and largest joint values, ``(n, 1)`` each."""
+        low, high = self.error_model.chain.configurations.limits
+        return low[:, None], high[:, None]
+
+    @property
     def rows(self) -> NDArray[np.intp]:
         """Components of the error that count."""
         return np.flatnonzero(self.weights)
+
+    @property
+    def scale(self) -> Array:
+        """Factors that make these components dimensionless, ``(r, 1)``: positions in lengths of the chain."""
+        return np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]
 
     def error(self, values: Array, poses: NDArray[np.intp]) -> Array:
         """Return the error ``(6, P)`` from the targets with numbers ``poses``, at joint values ``(n, P)``."""
@@ -468,11 +455,7 @@ class _Arm:
 
         ``moved`` is the joints' displacement so far; its component in the null space of the Jacobian is undone.
         """
-        # dimensionless rows: positions in lengths of the chain, or the weights of the user
-        scale = (
-            self.weights if not self.is_exact else np.where(np.arange(6) < 3, 1 / _length(self.error_model.chain), 1.0)
-        )
-        scale = scale[self.rows, None]
+        scale = self.scale if self.is_exact else self.weights[self.rows, None]
         jacobian = np.moveaxis(slopes[self.rows] * scale[:, None], -1, 0)
         left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
         threshold = 1e-9 if self.is_exact else SINGULAR_BELOW * sizes[:, :1]
@@ -542,7 +525,7 @@ class _Arm:
 
     def _scattered(self, start: Array) -> Array:
         """Return fixed joint values within the limits ``(n, S)``, from near the pose to half a turn away."""
-        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        low, high = self.limits
         points = spread_points(len(start) + 1, _SCATTERED)
         reach = _NEAREST * (_FARTHEST / _NEAREST) ** np.sqrt(points[-1]) * self.units
         bottom, top = np.maximum(low, start[:, None] - reach), np.minimum(high, start[:, None] + reach)
@@ -553,9 +536,8 @@ class _Arm:
 
         The nominal arm's Jacobian is close enough for a descent; a joint that would pass its limit stays.
         """
-        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
-        scale = np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]
-        values = values.copy()
+        low, high = self.limits
+        scale, values = self.scale, values.copy()
         poses = np.full(values.shape[1], pose)
         error = self.error(values, poses)
         damping = np.full(values.shape[1], 1e-2)
@@ -586,22 +568,23 @@ class _Arm:
 
         The change is measured from ``start``; the first step is from ``begin``, by default the same.
         """
-        low, high = (limit[:, None] for limit in self.error_model.chain.configurations.limits)
+        low, high = self.limits
         values = start.copy() if begin is None else begin.copy()
         free = np.ones(values.shape, dtype=bool) if begin is None else (values > low) & (values < high)
         iterations = np.zeros(values.shape[1], dtype=np.int64)
         error = self.error(values, poses)
+        state = _State(start, values, error, free, iterations, poses)
         remaining = np.arange(values.shape[1])
         reached = np.zeros(values.shape[1], dtype=bool)
         for _ in range(4 * len(values)):
-            reached[remaining] = self._iterate(start, values, error, free, iterations, poses, remaining)
+            reached[remaining] = self._iterate(state, remaining)
             remaining = remaining[reached[remaining]]
             beyond = np.where(free, np.maximum(low - values, values - high) / self.units, 0.0)[:, remaining]
             passed = beyond.max(axis=0, initial=0.0) > 0
             # one joint at a time, because that may bring the others back
             free[beyond.argmax(axis=0)[passed], remaining[passed]] = False
             settled = remaining[~passed]
-            leaving, joint = self._leaving(values - start, values, error, free, poses, settled)
+            leaving, joint = self._leaving(state, settled)
             free[joint[leaving], settled[leaving]] = True
             remaining = np.concatenate([remaining[passed], settled[leaving]])
             if not len(remaining):
@@ -612,16 +595,9 @@ class _Arm:
         status = np.where(reached, "corrected", np.where(free.all(axis=0), "unreachable", "limit"))
         return values, error, iterations, status
 
-    def _leaving(
-        self,
-        change: Array,
-        values: Array,
-        error: Array,
-        free: NDArray[np.bool_],
-        poses: NDArray[np.intp],
-        of: NDArray[np.intp],
-    ) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+    def _leaving(self, state: _State, of: NDArray[np.intp]) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
         """Return which of the poses ``of`` have a joint at its limit that should leave it, and which joint."""
+        start, values, error, free, _, poses = state
         held = ~free[:, of]
         if not held.any():
             return np.zeros(len(of), dtype=bool), np.zeros(len(of), dtype=np.intp)
@@ -629,7 +605,7 @@ class _Arm:
         if self.is_exact:
             # the change is minimal where it is a combination of the rows, except for joints that press against their
             # limits
-            moved = (change / self.units)[:, of]
+            moved = ((values - start) / self.units)[:, of]
             others = np.linalg.pinv(np.where(held.T[:, None], 0.0, slopes))
             rows = np.einsum("pjr,jp->pr", others, np.where(held, 0.0, moved))
             rises = moved - np.einsum("prj,pr->jp", slopes, rows)
@@ -638,22 +614,12 @@ class _Arm:
             weighted = error[self.rows][:, of] * self.weights[self.rows, None] ** 2
             rises = np.einsum("prj,rp->jp", slopes, weighted)
             least = _SETTLED * np.einsum("prj,rp->jp", np.abs(slopes), np.abs(weighted)).max(axis=0, initial=0.0)
-        low = self.error_model.chain.configurations.limits[0][:, None]
-        inward = np.where(held, np.where(values[:, of] <= low, -rises, rises), 0.0)
+        inward = np.where(held, np.where(values[:, of] <= self.limits[0], -rises, rises), 0.0)
         return np.asarray(inward.max(axis=0, initial=0.0) > least), inward.argmax(axis=0)
 
-    def _iterate(
-        self,
-        start: Array,
-        values: Array,
-        error: Array,
-        free: NDArray[np.bool_],
-        iterations: NDArray[np.int64],
-        poses: NDArray[np.intp],
-        active: NDArray[np.intp],
-    ) -> NDArray[np.bool_]:
-        """Let the free joints of the poses ``active`` converge, in place; return whether each did."""
-        asked = active
+    def _iterate(self, state: _State, asked: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Let the free joints of the poses ``asked`` converge, in place; return whether each did."""
+        start, values, error, free, iterations, poses = state
         is_redundant = self.is_exact and len(self.rows) < len(values)
         done = self._is_done(error, None)
         if is_redundant:

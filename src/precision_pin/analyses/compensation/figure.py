@@ -9,10 +9,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.analyses.compensation.table import EXPLANATION, headline, joint_rows, pose_rows, setting_lines
+from precision_pin.analyses.path.figure import mark_poses, rounded
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
@@ -22,12 +22,11 @@ from precision_pin.render import figure_style
 from precision_pin.render.display_units import WrittenUnit, round_number
 from precision_pin.render.draw_distribution import BLUE, VERMILION
 from precision_pin.render.figure_style import inline_figure
-from precision_pin.render.html import Html, escaped, items, paragraph, section, table
+from precision_pin.render.html import escaped, items, paragraph, section, table
 from precision_pin.render.scene import Chapter, Scene
 from precision_pin.render.tables import symbol
 from precision_pin.robot.chain import Posture
 
-_MOST_NAMED: Final = 12
 _MOST_LETTERS: Final = 18
 _MOST_LEVEL: Final = 40
 
@@ -53,9 +52,7 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
     before = np.linalg.norm(made.before[part], axis=0)
     after = np.linalg.norm(made.after[part], axis=0)
     unit = WrittenUnit.of_axis(quantity, float(np.nanmax(result.within_before[norm])))
-    times = result.poses.times
-    places = np.arange(1.0, len(result.poses) + 1) if times is None else times
-    marker = "o" if len(places) <= _MOST_NAMED else ""
+    places, marker = mark_poses(axes, result.poses, _MOST_LETTERS, _MOST_LEVEL)
     curves = (
         (before, VERMILION, "-", "mean before"),
         (result.within_before[norm], VERMILION, "--", "95 % of robots before"),
@@ -68,27 +65,13 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
         )
     axes.set_ylim(bottom=0)
     axes.set_ylabel(f"{symbol(quantity)} [{unit.name}]")
-    if times is not None:
-        axes.set_xlabel("time [s]")
-    elif len(places) <= _MOST_NAMED:
-        labels = [figure_style.shortened(visible(label), _MOST_LETTERS) for label in result.poses.labels]
-        turned = sum(map(len, labels)) > _MOST_LEVEL
-        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+    if marker and result.poses.times is None:
         axes.set_xlim(0.5, len(places) + 0.5)
-    else:
-        axes.set_xlabel("pose, in the order given")
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
 
 
 def compensation_chapter(result: CompensationResult, error_model: ErrorModel) -> Chapter:
     """Return the compensation of a model as a chapter."""
-    answers = tuple(f"Compensation: {line}" for line in headline(result))
-    layer = CompensationLayer.of(result, error_model)
-    return Chapter("compensation", "Compensation", _section(result), answers, layer)
-
-
-def _section(result: CompensationResult) -> Html:
-    said, rows = headline(result), pose_rows(result)
+    said, rows, joints = headline(result), pose_rows(result), joint_rows(result)
     picture = inline_figure(
         figure(result),
         "compensation",
@@ -99,11 +82,11 @@ def _section(result: CompensationResult) -> Html:
     listed = (
         "The poses" if len(rows) > len(result.poses) else f"The worst {len(rows) - 1} of {len(result.poses):,} poses"
     )
-    joints = joint_rows(result)
-    values = [table("Corrected joint values", joints[0], joints[1:])] if len(joints) > 1 else []
-    return section(
-        "compensation", "Compensation", items(said), picture, *values, table(listed, rows[0], rows[1:]), *notes
-    )
+    tables = [table("Corrected joint values", joints[0], joints[1:])] if len(joints) > 1 else []
+    tables.append(table(listed, rows[0], rows[1:]))
+    content = section("compensation", "Compensation", items(said), picture, *tables, *notes)
+    answers = tuple(f"Compensation: {line}" for line in said)
+    return Chapter("compensation", "Compensation", content, answers, CompensationLayer.of(result, error_model))
 
 
 _GREEN: Final = "#009e73"
@@ -136,6 +119,7 @@ class CompensationLayer:
     nominal: Array
     arms: Array
     commanded: Array
+    name: str = "compensation"
 
     @classmethod
     def of(cls, result: CompensationResult, error_model: ErrorModel) -> CompensationLayer:
@@ -152,11 +136,6 @@ class CompensationLayer:
         nominal = _joints(before.posture)
         arms = np.stack([_displaced(before), _joints(after.posture), _displaced(after)]) - nominal
         return cls(result, worst, nominal, arms, commanded)
-
-    @property
-    def name(self) -> str:
-        """Name of the layer."""
-        return "compensation"
 
     def draw(self, scene: Scene, length: float) -> None:
         """Add the intended path of the tip, and the arm without error at the worst pose, as thin lines."""
@@ -221,7 +200,5 @@ def _displaced(at: PoseModel) -> Array:
 
 
 def _line(colour: str, radius: float, points: Array, moves: Array) -> dict[str, Any]:
-    def rounded(values: Array) -> list[float]:
-        return [float(f"{value:.7g}") for value in values.T.ravel()]
-
-    return {"colour": to_hex(colour), "radius": radius, "points": rounded(points), "moves": rounded(moves)}
+    numbers = {key: rounded(values.T.ravel()) for key, values in (("points", points), ("moves", moves))}
+    return {"colour": to_hex(colour), "radius": radius, **numbers}

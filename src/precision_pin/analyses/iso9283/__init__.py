@@ -1,5 +1,6 @@
 """Figures of ISO 9283:1998 from measured cycles, and their law over built robots and tests."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -54,27 +55,19 @@ def prepare(asked: Asked) -> Job:
     )
 
 
-def _lengths(text: str) -> list[float]:
-    from precision_pin.base import units
+def _read(option: str, example: str, parse: Callable[[Any, str], Any]) -> Callable[[str], Any]:
+    """Return the function that reads an option with a unit; ``parse`` is given the module of units, imported late."""
 
-    try:
-        return units.parse_vector(text, units.LENGTH, count=3)
-    except UnitError as error:
-        raise _wrong("--target", error, "0 0 100 mm") from None
+    def read(text: str) -> Any:
+        from precision_pin.base import units
 
+        try:
+            return parse(units, text)
+        except UnitError as error:
+            message = f"{option}: {error.findings[0].message}; write it as {example!r}"
+            raise InputError.of("E_USAGE", message) from None
 
-def _mass(text: str) -> float:
-    from precision_pin.base import units
-
-    try:
-        return units.parse(text, units.MASS)
-    except UnitError as error:
-        raise _wrong("--load", error, "5 kg") from None
-
-
-def _wrong(option: str, error: UnitError, example: str) -> InputError:
-    message = f"{option}: {error.findings[0].message}; write it as {example!r}"
-    return InputError.of("E_USAGE", message)
+    return read
 
 
 DECLARATION = Declaration(
@@ -99,9 +92,13 @@ DECLARATION = Declaration(
         "seed",
         Option(
             "--target", "measured_point", "The measured point in tool axes; the tip if left out.", metavar='"X Y Z mm"',
-            group=ROBOT, read=_lengths,
+            group=ROBOT,
+            read=_read("--target", "0 0 100 mm", lambda units, text: units.parse_vector(text, units.LENGTH, count=3)),
         ),
-        Option("--load", "load", "Mass at the target, beside the loads of the sheet.", metavar='"M kg"', read=_mass),
+        Option(
+            "--load", "load", "Mass at the target, beside the loads of the sheet.", metavar='"M kg"',
+            read=_read("--load", "5 kg", lambda units, text: units.parse(text, units.MASS)),
+        ),
         Option("--fit-base", "fit_base", "Align the base by the best fit over the poses.", bool),
         Option(
             "--measured", "measured", "Measured cycles of a robot: pose, cycle, x [mm], y [mm], z [mm], angles.",

@@ -242,21 +242,18 @@ def standard_poses(chain: Chain, reference: Array, target: Array) -> tuple[PoseS
     """
     tool = ToolPoses(chain, chain.at(reference).pose[:3, :3], target)
     cube, q = _poses_in_cube(tool)
-    if chain.collision_check is None or chain.collision_check.free(q).all():
-        return _named(chain, q), cube
-    # the same cube by other branches or in another diagonal plane, else the largest one in which the arm hits nothing
-    tool = replace(tool, avoids=True)
-    for plane in range(len(PLANES)):
-        cube = replace(cube, plane=plane)
-        q = _follow(tool, cube)
-        if not np.isnan(q).any():
-            return _named(chain, q), cube
-    cube, q = _poses_in_cube(tool)
-    return _named(chain, q), cube
-
-
-def _named(chain: Chain, q: Array) -> PoseSet:
-    return PoseSet.at(chain, q, tuple(f"P{k}" for k in range(1, 6)))
+    if chain.collision_check is not None and not chain.collision_check.free(q).all():
+        # the same cube by other branches or in another diagonal plane, else the largest one in which the arm hits
+        # nothing
+        tool = replace(tool, avoids=True)
+        for plane in range(len(PLANES)):
+            cube = replace(cube, plane=plane)
+            q = _follow(tool, cube)
+            if not np.isnan(q).any():
+                break
+        else:
+            cube, q = _poses_in_cube(tool)
+    return PoseSet.at(chain, q, tuple(f"P{k}" for k in range(1, 6))), cube
 
 
 def _poses_in_cube(tool: ToolPoses) -> tuple[Cube, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +14,7 @@ from precision_pin.base.errors import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
-from precision_pin.render.html import Html, items, paragraph, section, table
+from precision_pin.render.html import items, paragraph, section, table
 from precision_pin.render.scene import Chapter
 
 _BINS: Final = 30
@@ -56,14 +56,8 @@ def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
             axes.plot(place, limit, color=BLACK, marker="_", markersize=9, linestyle="", label="RP of endless cycles")
         found = None if measured is None else measured.figure(pose, name)
         if found is not None:
-            marked: dict[str, Any] = {
-                "color": VERMILION,
-                "marker": "D",
-                "markersize": 4,
-                "linestyle": "",
-                "label": "measured",
-            }
-            axes.plot(place, found.value * unit.per_si, **marked)
+            value = found.value * unit.per_si
+            axes.plot(place, value, color=VERMILION, marker="D", markersize=4, linestyle="", label="measured")
     if name == "RP" and all(float(law.sorted[-1]) == 0 for law in laws):
         axes.text(0.5, 0.5, "0: every cycle is as the first", ha="center", transform=axes.transAxes)
     # poses of the cube have no names but P1 to P5
@@ -88,10 +82,6 @@ def _draw_law(axes: Axes, place: int, values: np.ndarray) -> None:
 
 def iso9283_chapter(result: Iso9283Result) -> Chapter:
     """Return the forecast as a chapter."""
-    return Chapter("iso9283", "ISO 9283", _section(result), tuple(f"By ISO 9283: {line}" for line in answers(result)))
-
-
-def _section(result: Iso9283Result) -> Html:
     said = answers(result)
     tables = [
         table(caption, rows[0], rows[1:])
@@ -110,4 +100,5 @@ def _section(result: Iso9283Result) -> Html:
     )
     absent = [f"{name}: none, {why}" for name, why in result.absent.items()]
     notes = [paragraph(line, class_="note") for line in (*setting_lines(result), *absent)]
-    return section("iso9283", "ISO 9283", items(said), picture, *tables, *notes)
+    content = section("iso9283", "ISO 9283", items(said), picture, *tables, *notes)
+    return Chapter("iso9283", "ISO 9283", content, tuple(f"By ISO 9283: {line}" for line in said))

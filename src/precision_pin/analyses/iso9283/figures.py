@@ -27,7 +27,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, final
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,41 +37,8 @@ from scipy.special import elliprg
 from precision_pin.base import csv_columns, errors, se3, units
 from precision_pin.base.arguments import check_name, check_numbers, shown
 from precision_pin.base.arrays import Array, field_names
-from precision_pin.base.csv_columns import Measured
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
 from precision_pin.base.record import Record
-
-
-class PoseFigures(NamedTuple):
-    """Accuracy and repeatability at a pose, m and rad; trailing axes are those of the arrays of cycles.
-
-    Attributes:
-        AP: Distance of the barycentre from the commanded position, AP_p.
-        AP_xyz: Barycentre minus commanded position, ``(3, …)``.
-        AP_abc: Mean angles about the base axes x, y, z, from the commanded to the attained orientation, ``(3, …)``.
-        RP: l̄ + 3 S_l, with l the distances from the barycentre.
-        RP_abc: Three standard deviations of these angles, ``(3, …)``.
-    """
-
-    AP: Array
-    AP_xyz: Array
-    AP_abc: Array
-    RP: Array
-    RP_abc: Array
-
-
-class DistanceFigures(NamedTuple):
-    """Accuracy and repeatability of the distance between two poses, m.
-
-    Attributes:
-        AD, RD: Mean distance minus commanded distance, and three standard deviations of the distance.
-        AD_xyz, RD_xyz: The same for the distances along x, y and z, ``(3, …)``.
-    """
-
-    AD: Array
-    RD: Array
-    AD_xyz: Array
-    RD_xyz: Array
 
 
 def barycentre(values: Array) -> Array:
@@ -93,40 +60,33 @@ def repeatability(positions: Array) -> Array:
     return distances.mean(axis=0) + scatter(distances)
 
 
-def pose_figures(deviations: Array, angles: Array) -> PoseFigures:
-    """Return the figures of attained minus commanded positions ``(n, 3, …)`` and of angles ``(n, 3, …)``."""
+def pose_figures(deviations: Array, angles: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return AP_p, its parts along x, y, z and about them, RP and its angles, m and rad; parts are ``(3, …)``.
+
+    Given are attained minus commanded positions ``(n, 3, …)``, and the angles from the commanded to the attained
+    orientation about the base axes, ``(n, 3, …)``.
+    """
     accuracy = barycentre(deviations)
-    return PoseFigures(_norm(accuracy), accuracy, barycentre(angles), repeatability(deviations), scatter(angles))
+    return _norm(accuracy), accuracy, barycentre(angles), repeatability(deviations), scatter(angles)
 
 
-def distance_figures(commanded: Array, first: Array, second: Array) -> DistanceFigures:
-    """Return distance figures of attained positions ``(n, 3, …)``; ``commanded`` is first minus second, ``(3,)``."""
+def distance_figures(commanded: Array, first: Array, second: Array) -> tuple[Array, Array, Array, Array]:
+    """Return AD and RD, and both along x, y, z ``(3, …)``, of attained positions ``(n, 3, …)``, m.
+
+    ``commanded`` is the first minus the second commanded position, ``(3,)``.
+    """
     apart = first - second
     along = np.abs(apart)
     wanted = np.abs(commanded).reshape((3,) + (1,) * (along.ndim - 2))
     distances = _norm(apart, axis=1)
-    return DistanceFigures(
-        barycentre(distances) - np.sqrt((commanded * commanded).sum()),
-        scatter(distances),
-        barycentre(along) - wanted,
-        scatter(along),
-    )
+    accuracy = barycentre(distances) - np.sqrt((commanded * commanded).sum())
+    return accuracy, scatter(distances), barycentre(along) - wanted, scatter(along)
 
 
 def angles_of(rotation: Array) -> Array:
     """Return a, b, c ``(3, …)`` of rotations ``(3, 3, …)`` = Rot(z, c) Rot(y, b) Rot(x, a), b from -π/2 to π/2."""
-    return np.array(
-        [
-            np.arctan2(rotation[2, 1], rotation[2, 2]),
-            np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0])),
-            np.arctan2(rotation[1, 0], rotation[0, 0]),
-        ]
-    )
-
-
-def turn_angles(vectors: Array) -> Array:
-    """Return a, b, c of rotation vectors, ``(3, N)`` both."""
-    return angles_of(se3.exp_rotation(vectors))
+    a, c = np.arctan2(rotation[2, 1], rotation[2, 2]), np.arctan2(rotation[1, 0], rotation[0, 0])
+    return np.array([a, np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0])), c])
 
 
 def _norm(vectors: Array, axis: int = 0) -> Array:
@@ -272,10 +232,8 @@ def iso9283_of(commanded: ArrayLike, attained: ArrayLike) -> MeasuredPose:
     wanted = _read_pose("the commanded pose", commanded)
     cycles = _read_cycles("the attained poses", attained)
     _warn_near_singularity(wanted)
-    found = pose_figures(*_deviations(wanted, cycles))
-    return MeasuredPose(
-        **_named("AP", found.AP, x_y_z=found.AP_xyz, a_b_c=found.AP_abc), **_named("RP", found.RP, a_b_c=found.RP_abc)
-    )
+    accuracy, along, about, repeated, turns = pose_figures(*_deviations(wanted, cycles))
+    return MeasuredPose(**_named("AP", accuracy, x_y_z=along, a_b_c=about), **_named("RP", repeated, a_b_c=turns))
 
 
 @warns_at_end
@@ -305,25 +263,25 @@ def iso9283_distance(commanded_pair: ArrayLike, attained_pair: ArrayLike) -> Mea
         raise InputError(f"{counts} cycles at the two poses; a distance needs both poses in every cycle")
     for pose in wanted:
         _warn_near_singularity(pose)
-    found = distance_figures(wanted[0][:3, 3] - wanted[1][:3, 3], *(poses[:3, 3].T for poses in cycles))
+    accuracy, repeated, along, scattered = distance_figures(
+        wanted[0][:3, 3] - wanted[1][:3, 3], *(poses[:3, 3].T for poses in cycles)
+    )
     commanded_angles = angles_of(wanted[0][:3, :3]) - angles_of(wanted[1][:3, :3])
     turned = [_deviations(one, poses)[1] for one, poses in zip(wanted, cycles, strict=True)]
     angles = np.abs(commanded_angles + turned[0] - turned[1])
     change = barycentre(angles) - np.abs(commanded_angles)
     return MeasuredDistance(
-        **_named("AD", found.AD, x_y_z=found.AD_xyz, a_b_c=change),
-        **_named("RD", found.RD, x_y_z=found.RD_xyz, a_b_c=scatter(angles)),
+        **_named("AD", accuracy, x_y_z=along, a_b_c=change),
+        **_named("RD", repeated, x_y_z=scattered, a_b_c=scatter(angles)),
     )
 
 
 def _named(figure: str, value: Array, **vectors: Array) -> dict[str, float]:
     """Return a figure and its parts by name: ``AP``, and from ``a_b_c`` ``AP_a``, ``AP_b``, ``AP_c``."""
-    parts = {
-        f"{figure}_{axis}": float(part)
-        for axes, vector in vectors.items()
-        for axis, part in zip(axes.split("_"), vector, strict=True)
-    }
-    return {figure: float(value), **parts}
+    found = {figure: float(value)}
+    for axes, vector in vectors.items():
+        found |= {f"{figure}_{axis}": float(part) for axis, part in zip(axes.split("_"), vector, strict=True)}
+    return found
 
 
 def _deviations(wanted: Array, cycles: Array) -> tuple[Array, Array]:
@@ -373,11 +331,9 @@ def _read_cycles(what: str, values: object) -> Array:
         _check_rigid(what, poses)
         return poses
     roll, pitch, yaw = numbers[:, 3:].T
-    turns = (
-        se3.rotation_about(axis, angle) for axis, angle in (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll))
-    )
-    first, second, third = turns
-    return se3.pose(np.einsum("ijn,jkn,kln->iln", first, second, third), numbers[:, :3].T)
+    about = (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll))
+    turns = [se3.rotation_about(axis, angle) for axis, angle in about]
+    return se3.pose(np.einsum("ijn,jkn,kln->iln", *turns), numbers[:, :3].T)
 
 
 def _read_numbers(what: str, values: object, needs: str) -> Array:
@@ -417,7 +373,14 @@ def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str]) -> dict[
                 f"x, y, z and a, b, c or rx, ry, rz{other}"
             )
     cycles = found.column("cycle", units.RATIO)
-    values = _values(found, turn)
+    values = np.array([found.column(axis, units.LENGTH) for axis in _POSITION]).T
+    if turn:
+        angles = np.array([found.column(axis, units.ANGLE) for axis in turn]).T
+        # lower case: about the fixed axes x, y, z in this order
+        rotation = Rotation.from_euler("xyz", angles) if turn == _TURNS[0] else Rotation.from_rotvec(angles)
+        poses = np.tile(np.eye(4), (len(values), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = rotation.as_matrix(), values
+        values = poses
     rows: defaultdict[str, dict[float, int]] = defaultdict(dict)
     for row, (given, cycle) in enumerate(zip(found.texts["pose"], cycles, strict=True)):
         if given not in names:
@@ -435,17 +398,3 @@ def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str]) -> dict[
                 "needs the same cycles"
             )
     return {pose: values[[of_pose[cycle] for cycle in wanted]] for pose, of_pose in rows.items()}
-
-
-def _values(found: Measured, turn: tuple[str, ...]) -> Array:
-    """Return positions ``(R, 3)``, or poses ``(R, 4, 4)`` if the file has orientations."""
-    positions = np.array([found.column(axis, units.LENGTH) for axis in _POSITION]).T
-    if not turn:
-        return positions
-    angles = np.array([found.column(axis, units.ANGLE) for axis in turn]).T
-    # lower case: about the fixed axes x, y, z in this order
-    rotation = Rotation.from_euler("xyz", angles) if turn == _TURNS[0] else Rotation.from_rotvec(angles)
-    poses = np.tile(np.eye(4), (len(positions), 1, 1))
-    poses[:, :3, :3] = rotation.as_matrix()
-    poses[:, :3, 3] = positions
-    return poses

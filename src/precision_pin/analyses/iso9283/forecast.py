@@ -24,7 +24,6 @@ from precision_pin.analyses.iso9283.figures import (
     fit_to,
     pose_figures,
     repeatability_limit,
-    turn_angles,
 )
 from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
 from precision_pin.analyses.provenance import PoseLabel, Provenance, check_common
@@ -121,9 +120,16 @@ def iso9283(
     if threads is not None:
         check_whole("threads", threads, 1, 1024)
     limits = listed_limits(specifications)
-    point = _target(target)
+    point = np.zeros(3)
+    if target is not None:
+        point = check_quantities("the target", target, LENGTH, (3,), "three numbers in tool axes, in m or with a unit")
+    if np.abs(point).max() > _FARTHEST_TARGET:
+        raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
     mass = check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
-    error_model = _loaded(error_model, mass, point)
+    if mass:
+        loaded = error_model.like(error_model.chain.with_payload(mass, tuple(point.tolist())), error_model.space)
+        loaded.sheet = error_model.sheet
+        error_model = loaded
     cube = None
     if poses is None:
         if not error_model.poses:
@@ -137,7 +143,15 @@ def iso9283(
     found = _find(error_model, models, names)
     add(found)
     with steps_to(progress, robots * count * cycles) as step:
-        figures = _simulate(setup, int(robots), threads or available_cores(), step)
+        # threads simulate groups of robots, which are joined in order
+        groups = ((first, min(ROBOTS, int(robots) - first)) for first in range(0, int(robots), ROBOTS))
+        parts = []
+        for part in in_order(
+            (partial(simulate_tests, setup, *group) for group in groups), threads or available_cores()
+        ):
+            parts.append(part)
+            step(part.AP.shape[1] * int(cycles) * count)
+        figures = RobotFigures.joined(parts)
     labels = [replace(PoseLabel.of(error_model, None, at), name=name) for at, name in zip(models, names, strict=True)]
 
     def law(values: Array) -> FigureLaw:
@@ -165,11 +179,12 @@ def iso9283(
     drift = drift_from_cold(error_model, models[0].posture.q, point, tested, int(cycles), int(seed))
     if drift is None:
         absent["drift"] = "no thermal source has a time_constant"
-    if not len(figures.AD):
+    has_distance = len(figures.AD) > 0
+    if not has_distance:
         absent |= dict.fromkeys(("AD", "RD"), "between P2 and P4, which needs four poses")
     found_once = {
-        "AD": figures.AD[0] if len(figures.AD) else None,
-        "RD": figures.RD[0] if len(figures.RD) else None,
+        "AD": figures.AD[0] if has_distance else None,
+        "RD": figures.RD[0] if has_distance else None,
         "E": exchange,
         "vAP": approached and approached.variation,
         "RP_bidirectional": approached and approached.bidirectional,
@@ -198,24 +213,6 @@ def iso9283(
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
     )
-
-
-def _target(target: ArrayLike | None) -> Array:
-    if target is None:
-        return np.zeros(3)
-    point = check_quantities("the target", target, LENGTH, (3,), "three numbers in tool axes, in m or with a unit")
-    if np.abs(point).max() > _FARTHEST_TARGET:
-        raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
-    return point
-
-
-def _loaded(error_model: ErrorModel, mass: float, centre: Array) -> ErrorModel:
-    if not mass:
-        return error_model
-    chain = error_model.chain.with_payload(mass, tuple(centre.tolist()))
-    loaded = error_model.like(chain, error_model.space)
-    loaded.sheet = error_model.sheet
-    return loaded
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:
@@ -259,16 +256,6 @@ def _find(error_model: ErrorModel, models: Sequence[PoseModel], names: Sequence[
 
 def _varies(error_model: ErrorModel, *scopes: Scope) -> bool:
     return any(draw.scope in scopes and draw.law.streamed for draw in error_model.space.draws)
-
-
-def _simulate(setup: Setup, robots: int, threads: int, step: Progress) -> RobotFigures:
-    """Return the figures of all robots; threads simulate groups of robots, which are joined in order."""
-    parts: list[RobotFigures] = []
-    groups = ((first, min(ROBOTS, robots - first)) for first in range(0, robots, ROBOTS))
-    for part in in_order((partial(simulate_tests, setup, *group) for group in groups), threads):
-        parts.append(part)
-        step(part.AP.shape[1] * setup.cycles * len(setup.layouts))
-    return RobotFigures.joined(parts)
 
 
 def _exchangeability(error_model: ErrorModel, first: Array) -> tuple[Array | None, dict[str, str]]:
@@ -408,20 +395,16 @@ class RobotFigures:
 
 def simulate_tests(setup: Setup, first: int, count: int) -> RobotFigures:
     """Return the figures of robots ``first … first + count - 1``."""
-    moved, turned = [], []
-    for pose, layout in enumerate(setup.layouts):
-        errors = _errors(setup, layout, pose, first, count)
-        moved.append(_at_target(setup, pose, errors))
-        turned.append(errors[:, 3:])
+    errors = [_errors(setup, layout, pose, first, count) for pose, layout in enumerate(setup.layouts)]
+    moved, turned = [_at_target(setup, pose, one) for pose, one in enumerate(errors)], [one[:, 3:] for one in errors]
     angles = [_angles(vectors) for vectors in turned]
     found = [pose_figures(*both) for both in zip(moved, angles, strict=True)]
-    distances = []
+    distance = distance_scatter = np.empty((0, count))
     if len(moved) > max(DISTANCE):
         one, other = setup.points[list(DISTANCE)]
         attained = (moved[k] + at[:, None] for k, at in zip(DISTANCE, (one, other), strict=True))
-        distances = [distance_figures(one - other, *attained)]
-    names = ("AP_xyz", "AP_abc", "RP", "RP_abc")
-    accuracy, mean_angles, repeated, scatter_angles = (np.stack([getattr(at, name) for at in found]) for name in names)
+        distance, distance_scatter = (of[None] for of in distance_figures(one - other, *attained)[:2])
+    _, accuracy, mean_angles, repeated, scatter_angles = (np.stack(of_poses) for of_poses in zip(*found, strict=True))
     unfitted = accuracy[0]
     if setup.fit_base:
         turn, accuracy = fit_to(setup.points, accuracy)
@@ -434,8 +417,8 @@ def simulate_tests(setup: Setup, first: int, count: int) -> RobotFigures:
         AP_xyz=accuracy,
         AP_abc=mean_angles,
         RP_abc=scatter_angles,
-        AD=np.array([at.AD for at in distances]).reshape(-1, count),
-        RD=np.array([at.RD for at in distances]).reshape(-1, count),
+        AD=distance,
+        RD=distance_scatter,
         first=unfitted,
     )
 
@@ -506,9 +489,8 @@ def _at_target(setup: Setup, pose: int, errors: Array) -> Array:
 
 def _angles(vectors: Array, turn: Array | None = None) -> Array:
     """Return a, b, c ``(cycles, 3, N)`` of rotation vectors, after a further rotation ``(3, 3, N)`` of the base."""
-    if turn is None:
-        return np.stack([turn_angles(one) for one in vectors])
-    return np.stack([angles_of(np.einsum("ijn,jkn->ikn", turn, se3.exp_rotation(one))) for one in vectors])
+    turns = (se3.exp_rotation(one) for one in vectors)
+    return np.stack([angles_of(one if turn is None else np.einsum("ijn,jkn->ikn", turn, one)) for one in turns])
 
 
 def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:

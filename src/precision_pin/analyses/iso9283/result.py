@@ -231,54 +231,6 @@ def pose_names(names: Sequence[str]) -> dict[str, str]:
     return known | {own: name for own, name in zip(names, standard, strict=True) if own}
 
 
-def compare_with(
-    forecasts: Mapping[str, PoseForecast],
-    distances: Mapping[str, FigureLaw],
-    attained: object,
-    *,
-    cycles: int,
-    fit_base: bool,
-) -> Comparison:
-    """Compare cycles with a forecast, as :meth:`precision_pin.analyses.iso9283.result.Iso9283Result.compare`."""
-    measured = _read(attained, forecasts, cycles)
-    with_angles = all(poses.ndim == 3 for poses in measured.values())
-    if fit_base:
-        measured = _fitted(measured, forecasts)
-    commanded = {pose: se3.pose(forecasts[pose].commanded[:3, :3], forecasts[pose].point) for pose in measured}
-    cycled = {pose: _as_poses(values, commanded[pose]) for pose, values in measured.items()}
-    found = {pose: iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
-    distance = None
-    if all(pose in cycled for pose in _DISTANCE_POSES):
-        distance = iso9283_distance(*([by[pose] for pose in _DISTANCE_POSES] for by in (commanded, cycled)))
-    listed = [
-        (pose, name, values[name], getattr(forecasts[pose], name))
-        for pose, values in found.items()
-        for name in ((*OF_POSITION, *OF_ANGLES) if with_angles else OF_POSITION)
-    ]
-    if distance is not None:
-        listed += [("", name, distance[name], law) for name, law in distances.items()]
-    return _compared(found, distance, listed, cycles)
-
-
-def _compared(
-    found: Mapping[str, MeasuredPose],
-    distance: MeasuredDistance | None,
-    listed: list[tuple[str, str, float, FigureLaw]],
-    cycles: int,
-) -> Comparison:
-    robots = listed[0][3].values.size
-    pooled = np.stack([_far_out(np.append(law.values, value)) for _, _, value, law in listed])
-    largest = np.sort(pooled.max(axis=0))
-    # figures that differ only by rounding are equally far out
-    own = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
-    corrected = 1 - np.searchsorted(largest, own, side="left") / (robots + 1)
-    figures = tuple(
-        ComparedFigure(pose, name, value, float((law.values <= value).mean()), float(probability))
-        for (pose, name, value, law), probability in zip(listed, corrected, strict=True)
-    )
-    return Comparison(found, distance, figures, cycles, robots, float(corrected.min()))
-
-
 def _far_out(values: Array) -> Array:
     """Return each value's distance from the median, relative to that of the 5 or 95 % quantile on its side."""
     low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
@@ -309,10 +261,10 @@ def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) 
 
 
 def _as_poses(values: Array, commanded: Array) -> Array:
-    """Return poses ``(n, 4, 4)``; positions alone get the commanded orientation."""
+    """Return poses ``(n, 4, 4)``; positions alone get the commanded orientation, or the one of each row."""
     if values.ndim == 3:
         return values
-    poses = np.tile(commanded, (len(values), 1, 1))
+    poses = np.broadcast_to(commanded, (len(values), 4, 4)).copy()
     poses[:, :3, 3] = values
     return poses
 
@@ -328,13 +280,10 @@ def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]
     middles = np.stack([values.mean(axis=0) for values in positions.values()])
     turn = fit_to(points, (middles - points)[:, :, None])[0][:, :, 0]
     centre, wanted = middles.mean(axis=0), points.mean(axis=0)
-    found = {}
+    found = {pose: np.einsum("ij,nj->ni", turn, of - centre) + wanted for pose, of in positions.items()}
     for pose, values in measured.items():
-        moved = np.einsum("ij,nj->ni", turn, positions[pose] - centre) + wanted
-        found[pose] = moved
         if values.ndim == 3:
-            found[pose] = values.copy()
-            found[pose][:, :3, 3] = moved
+            found[pose] = _as_poses(found[pose], values)
             found[pose][:, :3, :3] = np.einsum("ij,njk->nik", turn, values[:, :3, :3])
     return found
 
@@ -418,16 +367,46 @@ class Iso9283Result(AnalysisResult):
             InputError: Another shape, another number of cycles than that of the forecast, or no poses.
             UnknownNameError: A pose that the forecast does not have.
         """
-        laws = {name: law for name, law in (("AD", self.AD), ("RD", self.RD)) if law is not None}
-        found = compare_with(self.poses, laws, attained, cycles=self.cycles, fit_base=self.fit_base)
-        return replace(self, measured=found)
+        forecasts, measured = self.poses, _read(attained, self.poses, self.cycles)
+        with_angles = all(poses.ndim == 3 for poses in measured.values())
+        if self.fit_base:
+            measured = _fitted(measured, forecasts)
+        commanded = {pose: se3.pose(forecasts[pose].commanded[:3, :3], forecasts[pose].point) for pose in measured}
+        cycled = {pose: _as_poses(values, commanded[pose]) for pose, values in measured.items()}
+        found = {pose: iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
+        names = (*OF_POSITION, *OF_ANGLES) if with_angles else OF_POSITION
+        listed = [
+            (pose, name, of[name], getattr(forecasts[pose], name)) for pose, of in found.items() for name in names
+        ]
+        distance = None
+        if all(pose in cycled for pose in _DISTANCE_POSES):
+            distance = iso9283_distance(*([by[pose] for pose in _DISTANCE_POSES] for by in (commanded, cycled)))
+            laws = (("AD", self.AD), ("RD", self.RD))
+            listed += [("", name, distance[name], law) for name, law in laws if law is not None]
+        pooled = np.stack([_far_out(np.append(law.values, value)) for _, _, value, law in listed])
+        largest = np.sort(pooled.max(axis=0))
+        # figures that differ only by rounding are equally far out
+        own = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
+        robots = listed[0][3].values.size
+        corrected = 1 - np.searchsorted(largest, own, side="left") / (robots + 1)
+        figures = tuple(
+            ComparedFigure(pose, name, value, float((law.values <= value).mean()), float(probability))
+            for (pose, name, value, law), probability in zip(listed, corrected, strict=True)
+        )
+        compared = Comparison(found, distance, figures, self.cycles, robots, float(corrected.min()))
+        return replace(self, measured=compared)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a data frame, m and rad: a row for each pose and figure, the pose empty for AD, RD and E.
 
         The columns are ``mean``, ``std``, and ``quantile_0.95``, … with ``…_lower`` and ``…_upper``.
         """
-        rows = [((pose, name), _columns(law)) for pose, name, law in self.laws()]
+        rows = []
+        for pose, name, law in self.laws():
+            columns = {"mean": law.mean, "std": number(law.std)}
+            for level in LEVELS:
+                columns |= interval_columns(f"quantile_{level}", law.quantile(level), law.quantile_interval(level))
+            rows.append(((pose, name), columns))
         return data_frame(["pose", "figure"], rows, self.settings())
 
     def _repr_html_(self) -> str:
@@ -443,10 +422,3 @@ class Iso9283Result(AnalysisResult):
     def summary(self) -> str:
         """Text of `repr` after the arm."""
         return f"{len(self.poses)} poses, {self.robots:,} robots, {self.cycles} cycles, seed {self.provenance.seed}"
-
-
-def _columns(law: FigureLaw) -> dict[str, float]:
-    found = {"mean": law.mean, "std": number(law.std)}
-    for level in LEVELS:
-        found |= interval_columns(f"quantile_{level}", law.quantile(level), law.quantile_interval(level))
-    return found

@@ -17,10 +17,11 @@ from precision_pin.base.errors import visible
 from precision_pin.render.display_units import ColourScale, WrittenUnit, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
-from precision_pin.render.html import Html, escaped, items, paragraph, section, table
+from precision_pin.render.html import escaped, items, paragraph, section, table
 from precision_pin.render.scene import Chapter, Scene
 from precision_pin.render.tables import symbol
 from precision_pin.statistics.intervals import format_inside, format_interval
+from precision_pin.robot.pose_set import PoseSet
 
 _MOST_NAMED: Final = 12
 _MOST_LETTERS: Final = 16
@@ -50,14 +51,12 @@ def _draw(axes: Axes, result: PathResult, norm: int) -> None:
     quantity = ("position.norm", "attitude.norm")[norm]
     share = f"{100 * result.probability:.6g} %"
     unit = WrittenUnit.of_axis(quantity, float(result.band[norm].max()))
-    times = result.poses.times
-    places = np.arange(1.0, len(result.poses) + 1) if times is None else times
+    places, marker = mark_poses(axes, result.poses, _MOST_LETTERS, _MOST_LEVEL)
     band, curve = result.band[norm] * unit.per_si, result.curve[norm] * unit.per_si
     low, high = result.curve_interval[:, norm] * unit.per_si
     axes.fill_between(places, 0.0, band, color=SKY, alpha=0.2, linewidth=0)
     axes.plot(places, band, color=PURPLE, linestyle="--", label=f"{share} of robots along the whole path")
     axes.fill_between(places, low, high, color=BLUE, alpha=0.35, linewidth=0)
-    marker = "o" if len(places) <= _MOST_NAMED else ""
     axes.plot(places, curve, color=BLUE, marker=marker, markersize=2.5, label=f"{share} of robots at each pose")
     for specified in result.specification_results:
         if specified.quantity == quantity:
@@ -70,27 +69,32 @@ def _draw(axes: Axes, result: PathResult, norm: int) -> None:
             )
     axes.set_ylim(bottom=0)
     axes.set_ylabel(f"{symbol(quantity)} [{unit.name}]")
-    if times is not None:
-        axes.set_xlabel("time [s]")
-    elif len(places) <= _MOST_NAMED:
-        labels = [shortened(visible(label), _MOST_LETTERS) for label in result.poses.labels]
-        turned = sum(map(len, labels)) > _MOST_LEVEL
-        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
-    else:
-        axes.set_xlabel("pose, in the order given")
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
     # room for the markers of single poses
     room = 0.03 * float(np.ptp(places)) if marker else 0.0
     axes.set_xlim(float(places.min()) - room, (float(places.max()) + room) if np.ptp(places) > 0 else None)
 
 
+def mark_poses(axes: Axes, poses: PoseSet, most_letters: int, most_level: int) -> tuple[Array, str]:
+    """Label the axis of poses by time, name or order; return the place of each pose, and the marker of its values.
+
+    Names are cut to ``most_letters``, and turned where all together have more than ``most_level`` letters.
+    """
+    places = np.arange(1.0, len(poses) + 1) if poses.times is None else poses.times
+    is_named = len(places) <= _MOST_NAMED
+    if poses.times is not None:
+        axes.set_xlabel("time [s]")
+    elif is_named:
+        labels = [shortened(visible(label), most_letters) for label in poses.labels]
+        turned = sum(map(len, labels)) > most_level
+        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+    else:
+        axes.set_xlabel("pose, in the order given")
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
+    return places, "o" if is_named else ""
+
+
 def path_chapter(result: PathResult) -> Chapter:
     """Return the path as a chapter."""
-    answers = tuple(f"Along the path: {line}" for line in (headline(result), *verdict_lines(result)))
-    return Chapter("path", "Path", _section(result), answers, PathLayer.of(result))
-
-
-def _section(result: PathResult) -> Html:
     share = f"{100 * result.probability:.6g} %"
     picture = inline_figure(
         figure(result),
@@ -101,15 +105,11 @@ def _section(result: PathResult) -> Html:
     maxima, listed = maximum_rows(result), pose_rows(result)
     poses = f"The largest errors of the path at {len(listed) - 1} of its poses"
     note = f"|d|, |δ|: {share} quantile at the pose; largest here: share of robots with their largest error of the path there."
-    return section(
-        "path",
-        "Path",
-        items([headline(result), where_line(result), *verdict_lines(result), *band_lines(result)]),
-        picture,
-        table("Largest error of the path", maxima[0], maxima[1:]),
-        table(poses, listed[0], listed[1:]),
-        paragraph(note, class_="note"),
-    )
+    said = items([headline(result), where_line(result), *verdict_lines(result), *band_lines(result)])
+    tables = table("Largest error of the path", maxima[0], maxima[1:]), table(poses, listed[0], listed[1:])
+    content = section("path", "Path", said, picture, *tables, paragraph(note, class_="note"))
+    answers = tuple(f"Along the path: {line}" for line in (headline(result), *verdict_lines(result)))
+    return Chapter("path", "Path", content, answers, PathLayer.of(result))
 
 
 # largest lower end of the colour scale, as a fraction of its upper end
@@ -125,6 +125,7 @@ class PathLayer:
 
     result: PathResult
     scale: ColourScale
+    name: str = "path"
 
     @classmethod
     def of(cls, result: PathResult) -> PathLayer:
@@ -132,11 +133,6 @@ class PathLayer:
         sizes = result.curve[0]
         # the quantiles are sampled: a narrower scale would only colour their scatter
         return cls(result, ColourScale.of(np.append(sizes, min(sizes.min(), _LEAST_SPAN * sizes.max()))))
-
-    @property
-    def name(self) -> str:
-        """Name of the layer."""
-        return "path"
 
     def draw(self, scene: Scene, length: float) -> None:
         """Add the line of the nominal path; the page's scripts add the tubes, which depend on the magnification."""
@@ -153,9 +149,9 @@ class PathLayer:
         widest = float(result.band[0].max())
         return {
             "times": round_number(_WIDEST * length / widest) if widest > 0 else 1.0,
-            "points": _rounded(result.poses.position.T.ravel()),
-            "band": _rounded(result.band[0]),
-            "quantile": _rounded(result.curve[0]),
+            "points": rounded(result.poses.position.T.ravel()),
+            "band": rounded(result.band[0]),
+            "quantile": rounded(result.curve[0]),
             "colours": [self.scale.smallest, self.scale.largest],
             "worst": result.worst_pose(0),
         }
@@ -184,5 +180,6 @@ class PathLayer:
         )
 
 
-def _rounded(values: Array) -> list[float]:
+def rounded(values: Array) -> list[float]:
+    """Return seven digits of each number, enough for the page."""
     return [float(f"{value:.7g}") for value in values]

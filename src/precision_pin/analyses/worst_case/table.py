@@ -92,38 +92,29 @@ def _contributions(bound: NormBound) -> list[str]:
             "NOT resolved to 1e-9: the largest first-order error lies between "
             f"{1e3 * found.lower:.9g} and {1e3 * found.upper:.9g} {unit(bound.quantity)}"
         )
+    places = {entry.draw: f"at {entry.at}" for entry in bound.contributions}
     rows = [
-        [f"  {name}", unit(bound.quantity), milli(value), _values(bound, name)]
+        [f"  {name}", unit(bound.quantity), milli(value), places.get(name, "")]
         for name, value in listed_contributions(bound, "error at the means")
     ]
     return [f"contributions to {symbol(bound.quantity)} ({how}):", *aligned(rows)]
 
 
 def _exceeded(pose: PoseWorstCase) -> list[str]:
-    lines = []
-    for bound in (pose.position, pose.attitude):
-        if bound.exceeded:
-            lines.append(
-                f"the exact model goes beyond the first-order bound of {symbol(bound.quantity)} by "
-                f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit(bound.quantity)}: "
-                "it is not linear over tolerances this large"
-            )
+    lines = [
+        f"the exact model goes beyond the first-order bound of {symbol(bound.quantity)} by "
+        f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit(bound.quantity)}: "
+        "it is not linear over tolerances this large"
+        for bound in (pose.position, pose.attitude)
+        if bound.exceeded
+    ]
     return ["", *lines] if lines else []
 
 
 def listed_contributions(bound: NormBound, nominal: str) -> list[tuple[str, float]]:
     """Return the error at the means, the largest contributions and the sum of the others."""
     entries = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING]
-    few = len(entries) <= LISTED + 1
-    named, rest = (entries, []) if few else (entries[:LISTED], entries[LISTED:])
-    listed = [(nominal, bound.nominal), *((entry.draw, entry.value) for entry in named)]
-    if rest:
-        listed.append((f"{len(rest)} others", sum(entry.value for entry in rest)))
-    return listed
-
-
-def _values(bound: NormBound, name: str) -> str:
-    for entry in bound.contributions:
-        if entry.draw == name:
-            return f"at {entry.at}"
-    return ""
+    count = len(entries) if len(entries) <= LISTED + 1 else LISTED
+    rest = [entry.value for entry in entries[count:]]
+    others = [(f"{len(rest)} others", sum(rest))] if rest else []
+    return [(nominal, bound.nominal), *((entry.draw, entry.value) for entry in entries[:count]), *others]

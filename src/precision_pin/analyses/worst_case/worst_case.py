@@ -372,10 +372,11 @@ def _at_pose(
     tangents = [variant.tangent for variant in variants]
     lows = np.min([error - supports.heights(-jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
     highs = np.max([error + supports.heights(jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
-    components = []
-    for quantity, low, high in zip(_COMPONENTS, lows.tolist(), highs.tolist(), strict=True):
-        seen = analysis.summary.distribution(quantity)
-        components.append(ComponentBound(quantity, low, high, (seen.min, seen.max)))
+    sampled_laws = [analysis.summary.distribution(quantity) for quantity in _COMPONENTS]
+    components = tuple(
+        ComponentBound(seen.quantity, low, high, (seen.min, seen.max))
+        for seen, low, high in zip(sampled_laws, lows.tolist(), highs.tolist(), strict=True)
+    )
     layout = sampler.to_arrays(at)
     norms = []
     for quantity, rows in _NORMS.items():
@@ -386,7 +387,7 @@ def _at_pose(
         seen = analysis.summary.distribution(quantity)
         bounds = [_bound(variant, layout, supports, rows, seen, sampled) for variant in variants]
         norms.append(max(bounds, key=lambda bound: bound.first_order.upper))
-    result = PoseWorstCase(PoseLabel.of(error_model, q, at), at.error_at_means, tuple(components), *norms)
+    result = PoseWorstCase(PoseLabel.of(error_model, q, at), at.error_at_means, components, *norms)
     unbounded = turnover_findings(at) if len(variants) == 1 else ()
     return result, (*analysis.warnings, *map(str, unbounded))
 
@@ -406,7 +407,12 @@ def _bound(
         inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None])[0]
         starts = np.concatenate([starts, inside[None]])
     place, size = _climb(layout, supports, rows, starts)
-    values, names = _written_values(at.space, x), at.space.components
+    names = at.space.components
+    quantities = [quantity for draw in at.space.draws for quantity in draw.known_quantities]
+    values = [
+        f"{value:.4g}" if quantity is None else WrittenUnit.suiting(quantity, [value]).short(value)
+        for quantity, value in zip(quantities, x.tolist(), strict=True)
+    ]
     contributions = [
         Contribution(name, tuple(names[k] for k in columns), share, ", ".join(values[k] for k in columns))
         for name, columns, share in zip(supports.names, supports.columns, shares.tolist(), strict=True)
@@ -511,14 +517,6 @@ def _batches(count: int, size: int) -> Iterator[NDArray[np.intp]]:
 
 def _sizes(layout: SamplerArrays, rows: slice, places: Array) -> Array:
     return np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
-
-
-def _written_values(space: Space, x: Array) -> list[str]:
-    quantities = [quantity for draw in space.draws for quantity in draw.known_quantities]
-    return [
-        f"{value:.4g}" if quantity is None else WrittenUnit.suiting(quantity, [value]).short(value)
-        for quantity, value in zip(quantities, x.tolist(), strict=True)
-    ]
 
 
 # step of the central differences for the support point of a law given only by its support function
