@@ -31,12 +31,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from precision_pin.analyses.allocation.tolerances import Cost, Grades
-from precision_pin.analyses.map.normal_norms import (
-    norm_probabilities,
-    norm_quantile_slopes,
-    norm_quantiles,
-    principal_axes,
-)
+from precision_pin.analyses.map import normal_norms
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.record import Record
 
@@ -86,14 +81,13 @@ class Limit(Fixed):
     pairs: NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))
 
     @property
-    def is_convex(self) -> bool:
-        """Whether the variances that keep the limit form a convex set; those of one component are below a bound."""
-        return self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= 0.5)
-
-    @property
     def has_bound(self) -> bool:
-        """Whether it is convex, or was in all trials: the quantile of a norm from 92 %."""
-        return self.is_convex or self.probability >= _CONVEX
+        """Whether the variances that keep the limit form a convex set.
+
+        Those of one component are below a bound; of the quantile of a norm they formed one in all trials, from 92 %.
+        """
+        is_convex = self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= 0.5)
+        return is_convex or self.probability >= _CONVEX
 
     def measure(self, t: Array) -> Array:
         """Return the limited value ``(m, places)`` for tolerances ``(n, m)``; places are poses, or rows times poses."""
@@ -104,13 +98,13 @@ class Limit(Fixed):
             still = (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.fixed)
             varying = np.einsum("niip,nm->mp", self.parts, self._products(t))
             return np.asarray(np.sqrt(np.maximum(still + varying, 0.0)))
-        quantiles = norm_quantiles(*principal_axes(*self._vectors(t)), self.probability)
+        quantiles = normal_norms.norm_quantiles(*normal_norms.principal_axes(*self._vectors(t)), self.probability)
         return np.asarray(quantiles.reshape(t.shape[1], -1))
 
     def probabilities(self, t: Array) -> Array:
         """Return the probability that a normal error keeps the limit of a quantile, ``(P,)``."""
-        axes = principal_axes(*self._vectors(t[:, None]))
-        return norm_probabilities(*axes, np.full(axes[0].shape[1], self.limit))
+        axes = normal_norms.principal_axes(*self._vectors(t[:, None]))
+        return normal_norms.norm_probabilities(*axes, np.full(axes[0].shape[1], self.limit))
 
     def excess(self, t: Array) -> Array:
         """Return ln of the measure over its limit, ``(places,)``."""
@@ -132,7 +126,7 @@ class Limit(Fixed):
             return np.asarray(self._by_tolerance(by_product, t) / np.maximum(2 * value**2, 1e-300))
         mean, covariance = self._vectors(t[:, None])
         rows = len(self.mean)
-        slopes = norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
+        slopes = normal_norms.norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
         by_product = np.einsum("nijp,ijp->np", self.parts, slopes)
         return np.asarray(self._by_tolerance(by_product, t) / np.maximum(value, 1e-300))
 

@@ -9,17 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from precision_pin.analyses.allocation import table as terminal
 from precision_pin.analyses.allocation.allocate import AllocationResult
-from precision_pin.analyses.allocation.table import (
-    front_in_words,
-    front_rows,
-    limit_lines,
-    part_rows,
-    parts_in_words,
-    pose_count,
-    tolerance_rows,
-    verdict_lines,
-)
 from precision_pin.base.errors import visible
 from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION
@@ -43,7 +34,7 @@ def figure(result: AllocationResult) -> Figure:
         if result.front:
             _draw_front(panels[1], result)
         chosen = "cheapest tolerances" if result.feasible else "narrowest tolerances, which do not keep the limits"
-        title = f"{chosen}: {visible(result.provenance.robot, 60)} at {pose_count(result)}"
+        title = f"{chosen}: {visible(result.provenance.robot, 60)} at {terminal.pose_count(result)}"
         parts = result.parts
         caption = f"{_WORDS[parts.kind]} at pose {visible(parts.pose)}, first order"
         if result.front:
@@ -94,7 +85,7 @@ def _draw_front(axes: Axes, result: AllocationResult) -> None:
 
 def allocation_chapter(result: AllocationResult) -> Chapter:
     """Return the allocation as a chapter."""
-    answer = " ".join(line.strip() for line in verdict_lines(result))
+    answer = " ".join(line.strip() for line in terminal.verdict_lines(result))
     picture = inline_figure(
         figure(result),
         "allocation",
@@ -102,10 +93,10 @@ def allocation_chapter(result: AllocationResult) -> Chapter:
         "What causes the error at the worst pose, before and after, and the least cost for other limits.",
     )
     listed = [
-        ("Tolerances before and after", tolerance_rows(result), (4,)),
-        (parts_in_words(result), part_rows(result), (4,)),
-        *([(front_in_words(result), front_rows(result), ())] if result.front else []),
+        ("Tolerances before and after", terminal.tolerance_rows(result), (4,)),
+        (terminal.parts_in_words(result), terminal.part_rows(result), (4,)),
+        *([(terminal.front_in_words(result), terminal.front_rows(result), ())] if result.front else []),
     ]
     tables = [table(text[0].upper() + text[1:], rows[0], rows[1:], words=words) for text, rows, words in listed]
-    content = section("allocation", "Allocation", items([answer, *limit_lines(result)]), picture, *tables)
+    content = section("allocation", "Allocation", items([answer, *terminal.limit_lines(result)]), picture, *tables)
     return Chapter("allocation", "Allocation", content, (f"Allocation: {answer}",))

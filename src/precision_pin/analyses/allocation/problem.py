@@ -92,7 +92,14 @@ def read_problem(model: ErrorModel, given: Mapping[str, Any] | None) -> Problem:
     with _at(contents, "tolerances"):
         _check_together(tolerances)
     with _at(contents, "poses"):
-        return Problem(tuple(tolerances), tuple(limits), _poses(model, given.get("poses")))
+        names = given.get("poses")
+        if names is not None and (not isinstance(names, list | tuple) or not names):
+            raise InputError(f"allocate: poses is a list of names of poses, got {shown(names)}")
+        poses = tuple(map(str, names or model.poses))
+        unknown = next((name for name in poses if name not in model.poses), None)
+        if unknown is not None or not poses:
+            raise UnknownNameError("pose", unknown or "", model.poses)
+    return Problem(tuple(tolerances), tuple(limits), poses)
 
 
 def check_problem(model: ErrorModel, task: Problem) -> None:
@@ -135,29 +142,16 @@ def _check_together(tolerances: Sequence[Tolerance]) -> None:
             )
 
 
-def _poses(model: ErrorModel, given: object) -> tuple[str, ...]:
-    if given is not None and (not isinstance(given, list | tuple) or not given):
-        raise InputError(f"allocate: poses is a list of names of poses, got {shown(given)}")
-    poses = tuple(map(str, given or model.poses))
-    unknown = next((name for name in poses if name not in model.poses), None)
-    if unknown is not None or not poses:
-        raise UnknownNameError("pose", unknown or "", model.poses)
-    return poses
-
-
 def common_grades(tolerances: Sequence[Tolerance]) -> Array | None:
     """Return the tolerances that all of a group can have, narrowest first; ``None`` if none of them has grades."""
     listed = [one.grades for one in tolerances if one.grades is not None]
     if not listed:
         return None
-    low, high = max(one.low for one in tolerances), min(one.high for one in tolerances)
-    shared = [
-        width
-        for width in listed[0].tolist()
-        if low * (1 - 1e-9) <= width <= high * (1 + 1e-9)
-        and all(np.isclose(others, width, rtol=1e-9, atol=0).any() for others in listed[1:])
+    low, high = max(one.low for one in tolerances) * (1 - 1e-9), min(one.high for one in tolerances) * (1 + 1e-9)
+    is_shared = [
+        all(np.isclose(others, width, rtol=1e-9, atol=0).any() for others in listed[1:]) for width in listed[0]
     ]
-    return np.array(shared)
+    return listed[0][np.array(is_shared, dtype=bool) & (listed[0] >= low) & (listed[0] <= high)]
 
 
 def _list(given: Mapping[str, Any], key: str) -> list[Any]:

@@ -99,7 +99,17 @@ def _listed(result: CompensationResult) -> list[int]:
 def pose_rows(result: CompensationResult) -> list[list[str]]:
     """Return a header and a row for each pose, mm and mrad: of many, those without a correction, then the worst."""
     header = ["pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status"]
-    return [header, *(_row(result, pose) for pose in _listed(result))]
+    made, labels = result.correction, result.poses.labels
+    position, attitude = slice(0, 3), slice(3, 6)
+    parts = [(error, position) for error in (made.before, made.first_order, made.after)]
+    parts += [(error, attitude) for error in (made.before, made.after)]
+    rows = [header]
+    for pose in _listed(result):
+        sizes = [float(np.linalg.norm(error[part, pose])) for error, part in parts]
+        sizes += [float(within[0, pose]) for within in (result.within_before, result.within_after)]
+        dominant = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
+        rows.append([shortened(visible(labels[pose]), _MOST_LETTERS), *map(_text, sizes), dominant, made.status[pose]])
+    return rows
 
 
 def joint_rows(result: CompensationResult) -> list[list[str]]:
@@ -124,22 +134,6 @@ def joint_rows(result: CompensationResult) -> list[list[str]]:
         cells = map(written, result.corrected[:, pose].tolist(), units)
         rows.append([shortened(visible(result.poses.labels[pose]), _MOST_LETTERS), *cells])
     return rows
-
-
-def _row(result: CompensationResult, pose: int) -> list[str]:
-    made = result.correction
-    position, attitude = slice(0, 3), slice(3, 6)
-    parts = (
-        *((error, position) for error in (made.before, made.first_order, made.after)),
-        *((error, attitude) for error in (made.before, made.after)),
-    )
-    return [
-        shortened(visible(result.poses.labels[pose]), _MOST_LETTERS),
-        *(_text(float(np.linalg.norm(error[part, pose]))) for error, part in parts),
-        *(_text(float(within[0, pose])) for within in (result.within_before, result.within_after)),
-        shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-",
-        made.status[pose],
-    ]
 
 
 def _text(value: float) -> str:

@@ -8,35 +8,18 @@ figures depend on model, seed and its number only, for any number of threads.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, final
+from typing import Final, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.analyses.iso9283 import figures as formulas
 from precision_pin.analyses.iso9283.cube import paths_of_approach, standard_poses
-from precision_pin.analyses.iso9283.figures import (
-    DISTANCE,
-    angles_of,
-    barycentre,
-    distance_figures,
-    fit_to,
-    pose_figures,
-    repeatability_limit,
-)
 from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
 from precision_pin.analyses.provenance import PoseLabel, Provenance, check_common
-from precision_pin.base import se3
-from precision_pin.base.arguments import (
-    check_flag,
-    check_memory,
-    check_quantities,
-    check_quantity,
-    check_text,
-    check_whole,
-    shown,
-)
+from precision_pin.base import arguments, se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
 from precision_pin.base.progress import steps_to
@@ -115,17 +98,19 @@ def iso9283(
         UnknownNameError: No such pose or joint.
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
-    check_whole("the number of cycles", cycles, 2, MOST_VISITS)
-    check_whole("the number of robots", robots, 1, MOST_ROBOTS)
+    arguments.check_whole("the number of cycles", cycles, 2, MOST_VISITS)
+    arguments.check_whole("the number of robots", robots, 1, MOST_ROBOTS)
     if threads is not None:
-        check_whole("threads", threads, 1, 1024)
+        arguments.check_whole("threads", threads, 1, 1024)
     limits = listed_limits(specifications)
     point = np.zeros(3)
     if target is not None:
-        point = check_quantities("the target", target, LENGTH, (3,), "three numbers in tool axes, in m or with a unit")
+        point = arguments.check_quantities(
+            "the target", target, LENGTH, (3,), "three numbers in tool axes, in m or with a unit"
+        )
     if np.abs(point).max() > _FARTHEST_TARGET:
         raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
-    mass = check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
+    mass = arguments.check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
     if mass:
         loaded = error_model.like(error_model.chain.with_payload(mass, tuple(point.tolist())), error_model.space)
         loaded.sheet = error_model.sheet
@@ -137,9 +122,11 @@ def iso9283(
         poses, cube = standard_poses(error_model.chain, error_model.configuration(), point)
     values, names, approaches = _poses(error_model, poses)
     count = values.shape[1]
-    check_memory(8.0 * robots * (35 * count + 10), f"testing {robots:,} robots at {count} poses", "test fewer of them")
+    arguments.check_memory(
+        8.0 * robots * (35 * count + 10), f"testing {robots:,} robots at {count} poses", "test fewer of them"
+    )
     models = tuple(error_model.at_columns(values, approaches))
-    setup = _set_up(models, point, int(seed), int(cycles), check_flag("fit_base", fit_base))
+    setup = _set_up(models, point, int(seed), int(cycles), arguments.check_flag("fit_base", fit_base))
     found = _find(error_model, models, names)
     add(found)
     with steps_to(progress, robots * count * cycles) as step:
@@ -151,7 +138,7 @@ def iso9283(
         ):
             parts.append(part)
             step(part.AP.shape[1] * int(cycles) * count)
-        figures = RobotFigures.joined(parts)
+        figures = RobotFigures(*(np.concatenate(of_parts, axis=-1) for of_parts in zip(*parts, strict=True)))
     labels = [replace(PoseLabel.of(error_model, None, at), name=name) for at, name in zip(models, names, strict=True)]
 
     def law(values: Array) -> FigureLaw:
@@ -191,7 +178,18 @@ def iso9283(
         "drift": drift,
     }
     single = {name: None if values is None else law(values) for name, values in found_once.items()}
-    grounds = grounds_at(error_model, values, list(forecasts)) if limits else NO_GROUNDS
+    grounds, verdicts = grounds_at(error_model, values, list(forecasts)) if limits else NO_GROUNDS, []
+    for one in limits:
+        if one.figure not in single:
+            largest = np.abs([getattr(at, one.figure).values for at in forecasts.values()]).max(axis=0)
+        elif (of_test := single[one.figure]) is not None:
+            largest = np.abs(of_test.values)
+        else:
+            why = absent[one.figure]
+            raise InputError(f"a specification limits {one.figure}, which this forecast does not have: {why}")
+        kept, differs = int((largest <= one.limit).sum()), bool(largest.max() - largest.min() > NO_SPREAD)
+        share, interval = kept / largest.size, clopper_pearson(kept, largest.size, confidence)
+        verdicts.append(SpecificationResult(one.figure, one.limit, one.required, share, interval, differs, grounds))
     return Iso9283Result(
         provenance=Provenance.of(error_model, seed),
         cycles=int(cycles),
@@ -206,10 +204,7 @@ def iso9283(
         **single,
         cube=cube,
         absent=absent,
-        specifications=tuple(
-            replace(_judge(one, _largest(one.figure, forecasts, single, absent), confidence), grounds=grounds)
-            for one in limits
-        ),
+        specifications=tuple(verdicts),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
     )
@@ -289,14 +284,16 @@ def listed_limits(given: object) -> tuple[FigureLimit, ...]:
     if isinstance(given, str):
         given = (given,)
     if not isinstance(given, list | tuple):
-        raise InputError(f"specifications must be a list of texts such as 'RP 0.1 mm @ 95 %', got {shown(given)}")
+        raise InputError(
+            f"specifications must be a list of texts such as 'RP 0.1 mm @ 95 %', got {arguments.shown(given)}"
+        )
     return tuple(map(_read, given))
 
 
 def _read(text: object) -> FigureLimit:
-    words = check_text("each of the specifications", text, "RP 0.1 mm @ 95 %").split(maxsplit=1)
+    words = arguments.check_text("each of the specifications", text, "RP 0.1 mm @ 95 %").split(maxsplit=1)
     if len(words) < 2:
-        raise InputError(f"specification {shown(text)} is not understood; write it as 'RP 0.1 mm @ 95 %'")
+        raise InputError(f"specification {arguments.shown(text)} is not understood; write it as 'RP 0.1 mm @ 95 %'")
     figure, rest = words
     if figure not in FIGURES:
         raise UnknownNameError("figure of a specification", figure, FIGURES)
@@ -304,26 +301,9 @@ def _read(text: object) -> FigureLimit:
     of_angle = found.quantity == "attitude.norm"
     if found.quantity not in ("position.norm", "attitude.norm") or of_angle != (figure in OF_ANGLES):
         raise InputError(
-            f"specification {shown(text)}: {figure} is limited by {'an angle' if figure in OF_ANGLES else 'a length'}"
+            f"specification {arguments.shown(text)}: {figure} is limited by {'an angle' if figure in OF_ANGLES else 'a length'}"
         )
     return FigureLimit(figure, found.limit, found.required)
-
-
-def _largest(
-    figure: str, poses: Mapping[str, PoseForecast], single: Mapping[str, FigureLaw | None], absent: Mapping[str, str]
-) -> Array:
-    if figure not in single:
-        return np.abs([getattr(at, figure).values for at in poses.values()]).max(axis=0)
-    law = single[figure]
-    if law is None:
-        raise InputError(f"a specification limits {figure}, which this forecast does not have: {absent[figure]}")
-    return np.abs(law.values)
-
-
-def _judge(one: FigureLimit, values: Array, confidence: float) -> SpecificationResult:
-    kept, varies = int((values <= one.limit).sum()), bool(values.max() - values.min() > NO_SPREAD)
-    interval = clopper_pearson(kept, values.size, confidence)
-    return SpecificationResult(one.figure, one.limit, one.required, kept / values.size, interval, varies)
 
 
 ROBOTS: Final = 512
@@ -364,9 +344,7 @@ class Setup:
         return self.commanded[:, :3, 3] + np.einsum("pij,j->pi", self.commanded[:, :3, :3], self.target)
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class RobotFigures:
+class RobotFigures(NamedTuple):
     """Figures of N robots, each tested once, m and rad; the last axis of every array is the robot.
 
     Attributes:
@@ -386,30 +364,24 @@ class RobotFigures:
     RD: Array
     first: Array
 
-    @classmethod
-    def joined(cls, parts: list[RobotFigures]) -> RobotFigures:
-        """Concatenate the figures of consecutive robots."""
-        names = [field.name for field in fields(cls)]
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
-
 
 def simulate_tests(setup: Setup, first: int, count: int) -> RobotFigures:
     """Return the figures of robots ``first … first + count - 1``."""
     errors = [_errors(setup, layout, pose, first, count) for pose, layout in enumerate(setup.layouts)]
     moved, turned = [_at_target(setup, pose, one) for pose, one in enumerate(errors)], [one[:, 3:] for one in errors]
     angles = [_angles(vectors) for vectors in turned]
-    found = [pose_figures(*both) for both in zip(moved, angles, strict=True)]
+    found = [formulas.pose_figures(*both) for both in zip(moved, angles, strict=True)]
     distance = distance_scatter = np.empty((0, count))
-    if len(moved) > max(DISTANCE):
-        one, other = setup.points[list(DISTANCE)]
-        attained = (moved[k] + at[:, None] for k, at in zip(DISTANCE, (one, other), strict=True))
-        distance, distance_scatter = (of[None] for of in distance_figures(one - other, *attained)[:2])
+    if len(moved) > max(formulas.DISTANCE):
+        one, other = setup.points[list(formulas.DISTANCE)]
+        attained = (moved[k] + at[:, None] for k, at in zip(formulas.DISTANCE, (one, other), strict=True))
+        distance, distance_scatter = (of[None] for of in formulas.distance_figures(one - other, *attained)[:2])
     _, accuracy, mean_angles, repeated, scatter_angles = (np.stack(of_poses) for of_poses in zip(*found, strict=True))
     unfitted = accuracy[0]
     if setup.fit_base:
-        turn, accuracy = fit_to(setup.points, accuracy)
+        turn, accuracy = formulas.fit_to(setup.points, accuracy)
         fitted = [_angles(vectors, turn) for vectors in turned]
-        mean_angles = np.stack([barycentre(one) for one in fitted])
+        mean_angles = np.stack([formulas.barycentre(one) for one in fitted])
     return RobotFigures(
         AP=np.sqrt((accuracy * accuracy).sum(axis=1)),
         RP=repeated,
@@ -457,7 +429,7 @@ def shape_factor(layout: SamplerArrays, pose: int, seed: int) -> float:
     positions = sampler.errors_at(layout, "exact", x)[:3]
     shifted = positions - positions.mean(axis=1)[:, None]
     distances = np.sqrt((shifted * shifted).sum(axis=0))
-    normal = float(repeatability_limit(np.einsum("in,jn->ij", shifted, shifted) / _VISITS))
+    normal = float(formulas.repeatability_limit(np.einsum("in,jn->ij", shifted, shifted) / _VISITS))
     return float(distances.mean() + 3 * distances.std()) / normal if normal > 0 else 1.0
 
 
@@ -490,7 +462,9 @@ def _at_target(setup: Setup, pose: int, errors: Array) -> Array:
 def _angles(vectors: Array, turn: Array | None = None) -> Array:
     """Return a, b, c ``(cycles, 3, N)`` of rotation vectors, after a further rotation ``(3, 3, N)`` of the base."""
     turns = (se3.exp_rotation(one) for one in vectors)
-    return np.stack([angles_of(one if turn is None else np.einsum("ijn,jkn->ikn", turn, one)) for one in turns])
+    return np.stack(
+        [formulas.angles_of(one if turn is None else np.einsum("ijn,jkn->ikn", turn, one)) for one in turns]
+    )
 
 
 def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
@@ -507,7 +481,7 @@ def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
         moved = _at_target(setup, pose, ends)
         slopes[k] = (moved[0] - moved[1]) / (2 * _STEP)
     covariance = np.einsum("kin,kjn->nij", slopes, slopes)
-    return setup.shape[pose] * repeatability_limit(covariance)
+    return setup.shape[pose] * formulas.repeatability_limit(covariance)
 
 
 def approach_figures(
@@ -563,8 +537,8 @@ def _accuracy(model: ErrorModel, q: Array, target: Array, robots: int, visits: r
     at = model.at(q)
     layout = sampler.to_arrays(at)
     lever = at.posture.pose[:3, :3] @ target
-    barycentre = np.zeros((3, robots))
+    total = np.zeros((3, robots))
     for visit in visits:
         error = sampler.errors(layout, "exact", seed, 0, robots, visit=visit)
-        barycentre += error[:3] + np.einsum("ijn,j->in", se3.exp_rotation(error[3:]), lever) - lever[:, None]
-    return np.sqrt(((barycentre / len(visits)) ** 2).sum(axis=0))
+        total += error[:3] + np.einsum("ijn,j->in", se3.exp_rotation(error[3:]), lever) - lever[:, None]
+    return np.sqrt(((total / len(visits)) ** 2).sum(axis=0))

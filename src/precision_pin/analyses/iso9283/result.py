@@ -18,15 +18,8 @@ from typing import TYPE_CHECKING, ClassVar, Final, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from precision_pin.analyses.iso9283 import figures as formulas
 from precision_pin.analyses.iso9283.cube import Cube
-from precision_pin.analyses.iso9283.figures import (
-    DISTANCE,
-    MeasuredDistance,
-    MeasuredPose,
-    fit_to,
-    iso9283_distance,
-    iso9283_of,
-)
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
@@ -155,7 +148,7 @@ LEAST: Final = 0.05
 _ROUNDING: Final = 1e-9
 # difference of two outlying distances, relative above 1, that counts as rounding
 _ALIKE: Final = 1e-6
-_DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in DISTANCE)
+_DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in formulas.DISTANCE)
 
 
 @final
@@ -200,8 +193,8 @@ class Comparison(Record):
     KEYS: ClassVar[Keys] = ("cycles", "poses", "distance", "agrees", "probability", "least_probability", "figures")
     least_probability: ClassVar[float] = LEAST
 
-    poses: Mapping[str, MeasuredPose]
-    distance: MeasuredDistance | None
+    poses: Mapping[str, formulas.MeasuredPose]
+    distance: formulas.MeasuredDistance | None
     figures: tuple[ComparedFigure, ...]
     cycles: int
     robots: int
@@ -278,7 +271,7 @@ def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]
     points = np.stack([forecasts[pose].point for pose in measured])
     positions = {pose: values if values.ndim == 2 else values[:, :3, 3] for pose, values in measured.items()}
     middles = np.stack([values.mean(axis=0) for values in positions.values()])
-    turn = fit_to(points, (middles - points)[:, :, None])[0][:, :, 0]
+    turn = formulas.fit_to(points, (middles - points)[:, :, None])[0][:, :, 0]
     centre, wanted = middles.mean(axis=0), points.mean(axis=0)
     found = {pose: np.einsum("ij,nj->ni", turn, of - centre) + wanted for pose, of in positions.items()}
     for pose, values in measured.items():
@@ -373,14 +366,16 @@ class Iso9283Result(AnalysisResult):
             measured = _fitted(measured, forecasts)
         commanded = {pose: se3.pose(forecasts[pose].commanded[:3, :3], forecasts[pose].point) for pose in measured}
         cycled = {pose: _as_poses(values, commanded[pose]) for pose, values in measured.items()}
-        found = {pose: iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
+        found = {pose: formulas.iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
         names = (*OF_POSITION, *OF_ANGLES) if with_angles else OF_POSITION
         listed = [
             (pose, name, of[name], getattr(forecasts[pose], name)) for pose, of in found.items() for name in names
         ]
         distance = None
         if all(pose in cycled for pose in _DISTANCE_POSES):
-            distance = iso9283_distance(*([by[pose] for pose in _DISTANCE_POSES] for by in (commanded, cycled)))
+            distance = formulas.iso9283_distance(
+                *([by[pose] for pose in _DISTANCE_POSES] for by in (commanded, cycled))
+            )
             laws = (("AD", self.AD), ("RD", self.RD))
             listed += [("", name, distance[name], law) for name, law in laws if law is not None]
         pooled = np.stack([_far_out(np.append(law.values, value)) for _, _, value, law in listed])
@@ -389,11 +384,11 @@ class Iso9283Result(AnalysisResult):
         own = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
         robots = listed[0][3].values.size
         corrected = 1 - np.searchsorted(largest, own, side="left") / (robots + 1)
-        figures = tuple(
+        compared_figures = tuple(
             ComparedFigure(pose, name, value, float((law.values <= value).mean()), float(probability))
             for (pose, name, value, law), probability in zip(listed, corrected, strict=True)
         )
-        compared = Comparison(found, distance, figures, self.cycles, robots, float(corrected.min()))
+        compared = Comparison(found, distance, compared_figures, self.cycles, robots, float(corrected.min()))
         return replace(self, measured=compared)
 
     def to_pandas(self) -> pandas.DataFrame:

@@ -37,19 +37,11 @@ from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores
 from precision_pin.sampling.workers import in_order
-from precision_pin.statistics import (
-    COMPONENTS,
-    NO_GROUNDS,
-    NORMS,
-    QUANTITIES,
-    Grounds,
-    Specification,
-    SpecificationResult,
-    clopper_pearson,
-    quantile_ranks,
-)
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult
+from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks
 from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.summary import NO_SPREAD
+from precision_pin.statistics.verdicts import NO_GROUNDS, Grounds
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

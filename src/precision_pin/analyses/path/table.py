@@ -67,12 +67,12 @@ def where_line(result: PathResult) -> str:
 
 def verdict_lines(result: PathResult) -> list[str]:
     """Return a line for each specification."""
-    lines = []
-    for one in result.specification_results:
-        more = ": more samples decide it" if one.verdict == "undecided" else ""
-        samples = f"{{share}} % of robots inside at every pose, interval {{low}} to {{high}} %{more}"
-        lines.append(verdict_line(f"spec {demanded(one)} along the whole path", one, samples))
-    return lines
+    samples = "{share} % of robots inside at every pose, interval {low} to {high} %"
+    more = {"undecided": ": more samples decide it"}
+    return [
+        verdict_line(f"spec {demanded(one)} along the whole path", one, samples + more.get(one.verdict, ""))
+        for one in result.specification_results
+    ]
 
 
 def maximum_rows(result: PathResult) -> list[list[str]]:
@@ -88,7 +88,23 @@ def maximum_rows(result: PathResult) -> list[list[str]]:
 
 def band_lines(result: PathResult) -> list[str]:
     """Return a line for the band of the position and of the attitude."""
-    return [_band_line(result, norm) for norm in (0, 1)]
+    lines, share = [], f"{100 * result.probability:.6g} %"
+    for norm, (quantity, unit) in enumerate(_QUANTITIES):
+        band, pointwise = result.simultaneous(norm), result.pointwise(norm)
+        held, low, high = format_share(band.coverage, band.coverage_interval, result.probability)
+        below, *ends = format_share(pointwise.coverage, pointwise.coverage_interval, result.probability)
+        limit, themselves = (
+            f"{_upwards(band.factor or 0.0, 5)} times the {share} quantiles at every pose",
+            "the quantiles themselves",
+        )
+        if band.factor is None:
+            limit = f"{_upwards(1e3 * float(result.band[norm].max()))} {unit} at every pose"
+            themselves = f"0, the {share} quantile at every pose"
+        lines.append(
+            f"{symbol(quantity)}: at least {share} of robots stay below {limit} ({held} % of fresh ones, {low} to {high} %), "
+            f"{below} % ({ends[0]} to {ends[1]} %) below {themselves}"
+        )
+    return lines
 
 
 def pose_rows(result: PathResult) -> list[list[str]]:
@@ -111,24 +127,6 @@ def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, s
         return "-", "-"
     ends = (1e3 * one.interval[0], 1e3 * one.interval[1])
     return format_inside(1e3 * one.value, ends, most=5), " to ".join(format_interval(*one.interval, 1e3))
-
-
-def _band_line(result: PathResult, norm: int) -> str:
-    quantity = symbol(_QUANTITIES[norm][0])
-    share = f"{100 * result.probability:.6g} %"
-    band, pointwise = result.simultaneous(norm), result.pointwise(norm)
-    held, low, high = format_share(band.coverage, band.coverage_interval, result.probability)
-    below, *ends = format_share(pointwise.coverage, pointwise.coverage_interval, result.probability)
-    if band.factor is None:
-        size = f"{_upwards(1e3 * float(result.band[norm].max()))} {_QUANTITIES[norm][1]}"
-        limit, themselves = f"{size} at every pose", f"0, the {share} quantile at every pose"
-    else:
-        limit = f"{_upwards(band.factor, 5)} times the {share} quantiles at every pose"
-        themselves = "the quantiles themselves"
-    return (
-        f"{quantity}: at least {share} of robots stay below {limit} ({held} % of fresh ones, {low} to {high} %), "
-        f"{below} % ({ends[0]} to {ends[1]} %) below {themselves}"
-    )
 
 
 def _label(result: PathResult, pose: int) -> str:

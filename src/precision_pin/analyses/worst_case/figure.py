@@ -19,21 +19,13 @@ from precision_pin.analyses.worst_case.worst_case import (
     WorstCaseResult,
     bound_milli,
 )
+from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION, display_unit
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    caption,
-    end_figure,
-    inline_figure,
-    new_figure,
-    shortened,
-    style,
-)
 from precision_pin.render.html import Child, Html, beside, items, table
 from precision_pin.render.tables import ROUNDING, milli, quantity_label, symbol, unit
 
 _LISTED: Final = 15
+_MEANS: Final = "error at the means"
 _BARS: Final = 8
 _CUT: Final = 4
 
@@ -69,7 +61,7 @@ def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, f
     entries = [entry for entry in sum_by_cause(results.causes, values) if abs(entry[1]) > ROUNDING]
     named, rest = entries[:most], entries[most:]
     more = [(f"{len(rest)} more", sum(value for _, value in rest))] if rest else []
-    return [("error at the means", bound.nominal), *named, *more]
+    return [(_MEANS, bound.nominal), *named, *more]
 
 
 def _described(bound: NormBound, results: Results) -> str:
@@ -126,29 +118,29 @@ def figure(
     """
     pose, provenance = result.poses[which], result.provenance
     lines = [
-        *caption("worst case", provenance, pose.pose),
+        *figure_style.caption("worst case", provenance, pose.pose),
         f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}",
     ]
     if result.cut:
         lines.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
     lines += explain_excess(pose)
-    with style():
-        drawn = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        drawn = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         bounds = (pose.position, pose.attitude)
-        bars = [_bars(bound) if entries is None else _shorten(entries[bound.quantity]) for bound in bounds]
+        bars = [listed_contributions(one, _MEANS) if entries is None else entries[one.quantity] for one in bounds]
         panels = drawn.subplots(2, 1, height_ratios=[max(len(rows), 4) for rows in bars])
         for axes, bound, rows in zip(panels, bounds, bars, strict=True):
             _draw(axes, bound, rows)
-        height = 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + LINE_HEIGHT * (len(lines) + 2)
-        end_figure(drawn, panels[:1], lines, height)
+        height = 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + figure_style.LINE_HEIGHT * (len(lines) + 2)
+        figure_style.end_figure(drawn, panels[:1], lines, height)
     return drawn
 
 
 def draw(axes: Axes, result: WorstCaseResult, which: int, quantity: str) -> None:
     """Draw one vector, ``"position"`` or ``"attitude"``, on given axes."""
     bound = {"position": result.poses[which].position, "attitude": result.poses[which].attitude}[quantity]
-    with style():
-        _draw(axes, bound, _bars(bound))
+    with figure_style.style():
+        _draw(axes, bound, listed_contributions(bound, _MEANS))
 
 
 def explain_excess(pose: PoseWorstCase) -> list[str]:
@@ -166,14 +158,6 @@ def explain_excess(pose: PoseWorstCase) -> list[str]:
     return lines
 
 
-def _bars(bound: NormBound) -> list[tuple[str, float]]:
-    return _shorten(listed_contributions(bound, "error at the means"))
-
-
-def _shorten(entries: Sequence[tuple[str, float]]) -> list[tuple[str, float]]:
-    return [(shortened(name, _LONGEST_NAME), value) for name, value in entries]
-
-
 def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) -> None:
     name, shown = symbol(bound.quantity), display_unit(bound.seen)
     begin = 0.0
@@ -181,7 +165,7 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
         colour = BLUE if row == 0 else SKY
         axes.barh(row, value * shown.per_si, left=begin * shown.per_si, height=0.7, color=colour, linewidth=0)
         begin += value
-    axes.set_yticks(range(len(entries)), [name for name, _ in entries])
+    axes.set_yticks(range(len(entries)), [figure_style.shortened(name, _LONGEST_NAME) for name, _ in entries])
     axes.set_ylim(max(len(entries), 4) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     quantile = f"{100 * SEEN_LEVEL:g} % quantile of the samples"
