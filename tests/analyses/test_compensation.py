@@ -20,8 +20,6 @@ from support.oracles import displaced_pose, displacements
 from support.plain_robot import PlainRobot, chain_of, joint, link, pose_error, random_arm, robot
 
 MEAN = 0.01
-
-
 """A mean offset, rad."""
 
 

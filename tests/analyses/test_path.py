@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
-from precision_pin.analyses.path.table import band_lines
+from precision_pin.analyses.path.table import band_lines, quantile_text
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Law, Normal, TwoPoint, Uniform
@@ -72,6 +73,9 @@ def test_every_number_robot_by_robot() -> None:
         assert found.pointwise(norm).coverage == (fresh[norm] <= found.curve[norm][:, None]).all(axis=0).mean()
         quantile = found.maximum_quantile(norm, share)
         assert quantile.value == pytest.approx(np.quantile(own[norm].max(axis=0), share), rel=1e-10)
+    for norm, level in itertools.product((0, 1), (0.5, share, 0.95)):
+        low, high = found.maximum_quantile(norm, level).interval
+        assert 1e3 * low <= float(quantile_text(found, norm, level)[0]) <= 1e3 * high
     alone = pp.path_law(MIXED, WAY, samples=samples, seed=4, probability=share, threads=1)
     assert alone.to_json() == found.to_json()
 

@@ -11,7 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.path.path_law import PathResult
-from precision_pin.analyses.path.table import band_lines, headline, maximum_rows, pose_rows, verdict_lines, where_line
+from precision_pin.analyses.path.table import (
+    band_lines,
+    headline,
+    maximum_rows,
+    pose_rows,
+    quantile_text,
+    verdict_lines,
+    where_line,
+)
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
 from precision_pin.render.display_units import ColourScale, WrittenUnit, round_number
@@ -160,15 +168,11 @@ class PathLayer:
         """Return the section of the legend: the answer, the colours, and the meaning of the tubes."""
         result = self.result
         share = f"{100 * result.probability:.6g} %"
-        largest = result.maximum_quantile(0, result.probability)
+        value, interval = quantile_text(result, 0, result.probability, most=6)
         label = result.poses.labels[result.worst_pose(0)]
-        assert largest.value is not None
-        assert largest.interval is not None
-        low, high = format_interval(*largest.interval, 1e3)
-        value = format_inside(1e3 * largest.value, (1e3 * largest.interval[0], 1e3 * largest.interval[1]))
         answer = (
             f"{share} of robots stay within {value} mm all along the path of {len(result.poses):,} points, "
-            f"interval {low} to {high} mm at {100 * result.confidence:.4g} % confidence; most have their largest error at {label}"
+            f"interval {interval} mm at {100 * result.confidence:.4g} % confidence; most have their largest error at {label}"
         )
         words = f"inner tube: {share} of robots at each point; outer tube: {share} or more along the whole path; cone: {label}"
         return (

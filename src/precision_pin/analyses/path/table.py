@@ -54,7 +54,7 @@ def headline(result: PathResult) -> str:
     """Return the largest error of most robots along the path in a sentence."""
     share = result.probability
     sizes = (
-        f"{symbol(one)} {_quantile(result, norm, share)[0]} {unit}" for norm, (one, unit) in enumerate(_QUANTITIES)
+        f"{symbol(one)} {quantile_text(result, norm, share)[0]} {unit}" for norm, (one, unit) in enumerate(_QUANTITIES)
     )
     return f"largest error along the path: {100 * share:.6g} % of robots within {', '.join(sizes)}"
 
@@ -80,7 +80,7 @@ def maximum_rows(result: PathResult) -> list[list[str]]:
     headings = [cell for level in result.levels for cell in (f"{100 * level:.6g} %", "interval")]
     rows = [["largest", "", *headings]]
     for norm, (quantity, unit) in enumerate(_QUANTITIES):
-        cells = [cell for level in result.levels for cell in _quantile(result, norm, level)]
+        cells = [cell for level in result.levels for cell in quantile_text(result, norm, level)]
         rows.append([symbol(quantity), unit, *cells])
     # the median's interval is left out: the row must fit a terminal
     return [[*row[:3], *row[4:]] for row in rows]
@@ -121,12 +121,13 @@ def pose_rows(result: PathResult) -> list[list[str]]:
     return rows
 
 
-def _quantile(result: PathResult, norm: int, probability: float) -> tuple[str, str]:
+def quantile_text(result: PathResult, norm: int, probability: float, most: int = 5) -> tuple[str, str]:
+    """Return a quantile of the largest |d| or |δ| to at most so many digits, and its interval, mm or mrad."""
     one = result.maximum_quantile(norm, probability)
     if one.value is None or one.interval is None:
         return "-", "-"
     ends = (1e3 * one.interval[0], 1e3 * one.interval[1])
-    return format_inside(1e3 * one.value, ends, most=5), " to ".join(format_interval(*one.interval, 1e3))
+    return format_inside(1e3 * one.value, ends, most=most), " to ".join(format_interval(*one.interval, 1e3))
 
 
 def _label(result: PathResult, pose: int) -> str:
