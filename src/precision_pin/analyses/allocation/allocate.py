@@ -302,8 +302,6 @@ def _norm_parts(model: ErrorModel, pose: str, rows: list[int], worst_case: bool)
 
 
 _ROUNDS: Final = 6
-# fraction of a limit, first order, from which it may be active
-_HOLDS: Final = 0.9
 _SAME: Final = 1e-6
 # normal scores by which the aim moves more in each round, while the verdict of the samples does not change
 _STRIDE: Final = 0.4
@@ -520,8 +518,9 @@ class _Search:
             if found is None or not found.is_met or (made.is_met and better):
                 found = made
             # of several limits only the active ones have reserve to give back
+            # fraction of a limit, first order, from which it may be active
             holds = [
-                one.measure(made.t[:, None]).max() > _HOLDS * one.limit
+                one.measure(made.t[:, None]).max() > 0.9 * one.limit
                 for one in programme.limits
                 if one.kind == "quantile"
             ]

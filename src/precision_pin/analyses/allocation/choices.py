@@ -28,14 +28,10 @@ from precision_pin.statistics.intervals import share_to_show, upper_ends
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
-# factors on the number of fresh samples for a choice of grades that the first samples do not decide
-_MORE: Final = (4, 16, 64)
 # robots times poses of a final round; at least `SAMPLES` and at most four times as many robots
 _ROBOTS: Final = 1_000_000
 CONFIDENCE: Final = 0.95
 """Confidence of all statements of one allocation together, and of the intervals that the margin is for."""
-# probability with which the samples that the margin is for show every limit at every pose
-_CHANCE: Final = 0.95
 # probability of a wrong statement reserved for the first-order samples; the exact samples have the rest
 _OF_SCREENS: Final = 0.01
 _MOST_CHOICES: Final = 20_000
@@ -44,8 +40,6 @@ _AT_ONCE: Final = 128
 # first-order samples of every choice, and of those that the first do not decide
 _FIRST, _SECOND = 4_096, 32_768
 _TIMES_OFF: Final = 2.0
-# allowance for the first-order fraction: this, and twice the difference to the exact model on the same robots
-_LEAST_OFF: Final = 1e-3
 # approximate number of values in memory at once
 _NUMBERS: Final = 2**22
 
@@ -91,7 +85,8 @@ class Judge:
         self.many = int(np.clip(_ROBOTS // len(task.poses), SAMPLES, 4 * SAMPLES))
         self._seed, self._looks = seed, 0
         self.for_samples = for_samples
-        chance = 1 - (1 - _CHANCE) / max(len(self.chances) * len(task.poses), 1)
+        # probability with which the samples that the margin is for show every limit at every pose
+        chance = 1 - (1 - 0.95) / max(len(self.chances) * len(task.poses), 1)
         most = ((1 - CONFIDENCE - _OF_SCREENS) / 4) ** (1 / self.many)
         shown = [for_samples and share_to_show(one, for_samples, CONFIDENCE, chance) for one in self.required.tolist()]
         self.aimed = np.array(
@@ -121,7 +116,8 @@ class Judge:
     def decide(self, chosen: Array, end: float) -> Judged:
         """Return the verdict, with more samples while it is open and time remains."""
         found = self.look(chosen)
-        for times in _MORE:
+        # factors on the number of fresh samples for a choice of grades that the first samples do not decide
+        for times in (4, 16, 64):
             if found.is_decided or monotonic() > end:
                 break
             found = self.look(chosen, times * SAMPLES)
@@ -222,7 +218,8 @@ class _Screen:
     def __init__(self, judge: Judge, parts: Contributions, members: NDArray[np.intp], seed: int, choices: int) -> None:
         self._judge, self._parts, self._members, self._seed = judge, parts, members, seed
         self._tail = _OF_SCREENS / (2 * max(choices, 1) * max(len(judge.chances) * len(judge.task.poses), 1))
-        self._off = _LEAST_OFF
+        # allowance for the first-order fraction: this, and twice the difference to the exact model on the same robots
+        self._off = 1e-3
 
     def possible(self, t: Array) -> NDArray[np.bool_]:
         """Return which of the choices ``(n, m)`` are not shown to fail."""

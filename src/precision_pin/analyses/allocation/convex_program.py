@@ -39,10 +39,6 @@ ROUNDING: Final = 1e-9
 """Relative excess of a limit that counts as rounding."""
 # points of a line evaluated together
 _AT_ONCE: Final = 34
-# lowest probability from which no two covariances that keep the quantile were found with one between them that does not
-_CONVEX: Final = 0.92
-# relative distance from a limit below which it is active
-_ACTIVE: Final = 1e-5
 
 
 def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]:
@@ -87,7 +83,9 @@ class Limit(Fixed):
         Those of one component are below a bound; of the quantile of a norm they formed one in all trials, from 92 %.
         """
         is_convex = self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= 0.5)
-        return is_convex or self.probability >= _CONVEX
+        # lowest probability from which no two covariances that keep the quantile were found with one between them
+        # that does not
+        return is_convex or self.probability >= 0.92
 
     def measure(self, t: Array) -> Array:
         """Return the limited value ``(m, places)`` for tolerances ``(n, m)``; places are poses, or rows times poses."""
@@ -274,7 +272,8 @@ class Programme:
         falls = -self.slope_of(t) * t
         slopes = [one.log_slopes(t) for one in self.limits]
         places = np.repeat(np.arange(len(self.limits)), [one.shape[1] for one in slopes])
-        active = np.flatnonzero(self.exceeded(t) > -_ACTIVE)
+        # relative distance from a limit below which it is active
+        active = np.flatnonzero(self.exceeded(t) > -1e-5)
         multipliers = np.zeros(len(places))
         free = (t > self.low * (1 + 1e-7)) & (t < self.high * (1 - 1e-7))
         if len(active) and free.any():
@@ -325,11 +324,7 @@ _GAP: Final = 1e-6
 _NEAR: Final = 1e-4
 # factor on tolerances that keep the limits, after which the line to them leaves the limits close by
 _BEYOND: Final = 1.5
-# initial tangents of each tolerance without grades
-_TANGENTS: Final = 12
 _ROUNDS: Final = 1000
-# least time for the first lower bound, in seconds
-_LEAST_TIME: Final = 0.5
 
 
 def solve(
@@ -368,7 +363,8 @@ def solve(
         left = end - monotonic()
         if left <= 0 and k:
             break
-        t, found = relaxed.solve(max(left, _LEAST_TIME))
+        # least time for the first lower bound, in seconds
+        t, found = relaxed.solve(max(left, 0.5))
         gained, bound = found - bound, max(bound, found)
         if t is None or (best is not None and best.cost - bound <= _GAP * abs(best.cost)):
             break
@@ -461,7 +457,8 @@ class _Relaxation:
                 still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
                 for place, parts in enumerate(one.parts[:, :, 0].reshape(size, -1).T):
                     self._add((parts * self._widest / one.limit) @ self._t, 1 - still[place] / one.limit)
-        for share in np.linspace(0, 1, _TANGENTS):
+        # initial tangents of each tolerance without grades
+        for share in np.linspace(0, 1, 12):
             self.add_tangents(np.exp((1 - share) * np.log(programme.low) + share * np.log(programme.high)))
 
     def solve(self, seconds: float) -> tuple[Array | None, float]:

@@ -13,8 +13,6 @@ from precision_pin.render.text_table import aligned
 _MOST_LETTERS: Final = 36
 _MOST_NAMED: Final = 3
 _MOST_LINES: Final = 12
-# per cent; less is rounding
-_LEAST_GAP: Final = 1e-4
 _NO_GAP: Final = 1e-9
 _WORDS: Final = {"quantile": "", "rms": "root mean square ", "worst_case": "worst case "}
 
@@ -105,7 +103,8 @@ def _above_least(result: AllocationResult) -> str:
         every = "every cheaper choice of grades fails by the samples"
         return every if gap < _NO_GAP else f"at most {100 * gap:.2g} % above the least by the samples"
     rests = "the least of the first order" if result.bound_basis == "proof" else "the least (bound not proven)"
-    return f"at most {max(100 * gap, _LEAST_GAP):.2g} % above {rests}"
+    # per cent; less is rounding
+    return f"at most {max(100 * gap, 1e-4):.2g} % above {rests}"
 
 
 def pose_count(result: AllocationResult) -> str:

@@ -291,8 +291,6 @@ _MOST_SETTLING: Final = 200
 """Steps of a redundant arm."""
 _LARGEST_STEP: Final = 0.3
 """Largest change of a joint in one step: rad, or lengths of the chain."""
-_SCATTERED: Final = 64
-"""Starting points of the search for a pose that has no correction near it."""
 _MOST_SEARCHING: Final = 100
 _NEAREST, _FARTHEST = 0.03, np.pi
 """Distance of the scattered starting points from the pose: rad, or lengths of the chain."""
@@ -526,7 +524,8 @@ class _Arm:
     def _scattered(self, start: Array) -> Array:
         """Return fixed joint values within the limits ``(n, S)``, from near the pose to half a turn away."""
         low, high = self.limits
-        points = spread_points(len(start) + 1, _SCATTERED)
+        # starting points of the search for a pose that has no correction near it
+        points = spread_points(len(start) + 1, 64)
         reach = _NEAREST * (_FARTHEST / _NEAREST) ** np.sqrt(points[-1]) * self.units
         bottom, top = np.maximum(low, start[:, None] - reach), np.minimum(high, start[:, None] + reach)
         return np.asarray(bottom + (top - bottom) * points[:-1])

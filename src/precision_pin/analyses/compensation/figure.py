@@ -92,8 +92,6 @@ def compensation_chapter(result: CompensationResult, error_model: ErrorModel) ->
 _GREEN: Final = "#009e73"
 _LARGEST: Final = 0.12
 """Initial size of the largest displacement, in lengths of the arm."""
-_RADIUS: Final = 0.005
-"""Radius of the arms' rods, in lengths of the arm; corrected is the thickest, to be visible where all coincide."""
 _LINES: Final = (
     ("deflected", VERMILION, 1.0, "deflected: at the joint values asked for, with its mean errors"),
     ("commanded", _GREEN, 0.8, "commanded: at the corrected joint values, without errors"),
@@ -151,7 +149,9 @@ class CompensationLayer:
         moves = {"deflected": made.before[:3], "commanded": self.commanded, "corrected": made.after[:3]}
         lines = []
         for (name, colour, share, _), arm in zip(_LINES, self.arms, strict=True):
-            lines.append(_line(colour, share * _RADIUS * length, self.nominal, arm))
+            # radius of the arms' rods, in lengths of the arm; corrected is the thickest, to be visible where all
+            # coincide
+            lines.append(_line(colour, share * 0.005 * length, self.nominal, arm))
             lines.append(_line(colour, 0.0, self._seen(wanted), self._seen(moves[name])))
         largest = float(np.linalg.norm(self.arms, axis=1).max())
         return {"times": round_number(_LARGEST * length / largest) if largest > 0 else 1.0, "lines": lines}

@@ -40,8 +40,6 @@ Solver = Callable[..., Array]
 
 LATTICE: Final = 13
 """Points along an edge of the lattice on which a cube is looked at."""
-# points along an edge of the finer lattice on the faces, where the border of the workspace comes in between
-_ON_FACE: Final = 37
 
 # points of the grid along an axis
 _GRID: Final = 17
@@ -52,16 +50,9 @@ _MARGIN: Final = 0.05
 _STARTS: Final = 24
 _PUSHES: Final = 20
 _ROUNDS: Final = 200
-# most points of the border that are sought in a round
-_BORDERS: Final = 80
 _HALVINGS: Final = 16
-# most branches that are followed towards a point out of reach
-_BRANCHES: Final = 8
 # share of the edge that is kept clear of points out of reach: more than halving leaves open
 _COARSE, _FINE = 2e-3, 2e-4
-# among centres whose room differs by no more the one farthest along x comes first, or along y, z: most robots have
-# several
-_PREFERENCE: Final = 1e-2
 # of cubes whose edges differ by no more the first is taken
 _ALIKE, _ALIKE_FINE = 5e-3, 5e-4
 # places of more centres around that of the coarse cube, by its edge
@@ -86,7 +77,9 @@ def largest_cube(solve: Solver, low: Array, high: Array) -> tuple[float, Array]:
     centres = _grid(low, high, _CENTRES)
     room: Array = cKDTree(blocked.T).query(centres.T, p=np.inf)[0]
     along = np.array([1.0, 0.1, 0.01]) @ ((centres - low[:, None]) / (high - low)[:, None])
-    preference = 1 + _PREFERENCE * along
+    # among centres whose room differs by no more the one farthest along x comes first, or along y, z: most robots
+    # have several
+    preference = 1 + 1e-2 * along
     edge, near = 0.0, np.zeros((3, 0))
     for clearance, alike in ((_COARSE, _ALIKE), (_FINE, _ALIKE_FINE)):
         for _ in range(_ROUNDS):
@@ -103,7 +96,8 @@ def largest_cube(solve: Solver, low: Array, high: Array) -> tuple[float, Array]:
                 outside = faces[:, np.isnan(solve(faces)[0])]
             if not outside.size:
                 break
-            found = outside[:, :: -(-outside.shape[1] // _BORDERS)]
+            # most points of the border that are sought in a round
+            found = outside[:, :: -(-outside.shape[1] // 80)]
             found = np.column_stack([centre, found]) if np.isnan(start[0]) else _border(solve, centre, start, found)
             blocked = np.concatenate([blocked, found], axis=1)
             room = np.minimum(room, cKDTree(found.T).query(centres.T, p=np.inf)[0])
@@ -120,7 +114,8 @@ def lattice_of(edge: float, centre: Array) -> Array:
 
 
 def _faces(edge: float, centre: Array) -> Array:
-    points = _grid(np.full(3, -1.0), np.ones(3), _ON_FACE)
+    # points along an edge of the finer lattice on the faces, where the border of the workspace comes in between
+    points = _grid(np.full(3, -1.0), np.ones(3), 37)
     return centre[:, None] + edge / 2 * points[:, np.abs(points).max(axis=0) == 1]
 
 
@@ -172,7 +167,8 @@ def _border(solve: Solver, inside: Array, start: Array, outside: Array) -> Array
     ways = outside - inside[:, None]
     near, far = np.zeros(outside.shape[1]), np.ones(outside.shape[1])
     q, left = np.repeat(start[:, None], outside.shape[1], axis=1), np.arange(outside.shape[1])
-    for _ in range(_BRANCHES):
+    # most branches that are followed towards a point out of reach
+    for _ in range(8):
         for _ in range(_HALVINGS):
             middle = (near[left] + far[left]) / 2
             found = solve(inside[:, None] + middle * ways[:, left], q[:, left])
@@ -294,8 +290,6 @@ def paths_of_approach(jacobian: Array) -> list[tuple[int, ...]]:
     return [tuple(int(sign) for sign in column) for column in signs.T]
 
 
-# configurations that steps start from, drawn evenly between the limits
-_KNOWN: Final = 40_000
 _SEED: Final = 9283
 _NEAREST: Final = 10
 _NEIGHBOURS: Final = 6
@@ -406,7 +400,8 @@ class ToolPoses:
     def _known(self) -> tuple[Array, Array]:
         """Configurations ``(n, K)``, and position of the target and scaled axes of the tool, ``(K, 3 or 12)``."""
         low, high = self._limits
-        q = low[:, None] + (high - low)[:, None] * np.random.default_rng(_SEED).random((low.size, _KNOWN))
+        # configurations that steps start from, drawn evenly between the limits
+        q = low[:, None] + (high - low)[:, None] * np.random.default_rng(_SEED).random((low.size, 40_000))
         pose = self.chain.at_columns(q).pose
         return q, self._features(pose[:3, 3] + np.einsum("ijn,j->in", pose[:3, :3], self.target), pose[:3, :3])
 

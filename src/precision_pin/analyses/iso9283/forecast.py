@@ -42,8 +42,6 @@ CYCLES: Final = 30
 MOST_ROBOTS: Final = 10**8
 MOST_POSES: Final = 100
 """Most poses of a test; the standard has five."""
-# most robots for vAP and drift: all their visits are kept at once
-_MOST_FOLLOWED: Final = 10_000
 # robots whose barycentres are compared for E
 _TOGETHER: Final = 5
 # m
@@ -159,7 +157,8 @@ def iso9283(
         for pose in range(count)
     }
     exchange, absent = _exchangeability(error_model, figures.first)
-    tested = min(int(robots), _MOST_FOLLOWED)
+    # most robots for vAP and drift: all their visits are kept at once
+    tested = min(int(robots), 10_000)
     approached = approach_figures(error_model, models[0].posture.q, point, tested, int(cycles), int(seed))
     if approached is None:
         absent |= dict.fromkeys(("vAP", "RP_bidirectional"), "no source of the sheet follows the direction of approach")

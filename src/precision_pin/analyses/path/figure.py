@@ -120,8 +120,6 @@ def path_chapter(result: PathResult) -> Chapter:
     return Chapter("path", "Path", content, answers, PathLayer.of(result))
 
 
-# largest lower end of the colour scale, as a fraction of its upper end
-_LEAST_SPAN: Final = 0.9
 # largest initial radius of the outer tube, in lengths of the arm
 _WIDEST: Final = 0.025
 
@@ -140,7 +138,8 @@ class PathLayer:
         """Return the layer of a path."""
         sizes = result.curve[0]
         # the quantiles are sampled: a narrower scale would only colour their scatter
-        return cls(result, ColourScale.of(np.append(sizes, min(sizes.min(), _LEAST_SPAN * sizes.max()))))
+        # largest lower end of the colour scale, as a fraction of its upper end
+        return cls(result, ColourScale.of(np.append(sizes, min(sizes.min(), 0.9 * sizes.max()))))
 
     def draw(self, scene: Scene, length: float) -> None:
         """Add the line of the nominal path; the page's scripts add the tubes, which depend on the magnification."""

@@ -519,10 +519,6 @@ def _sizes(layout: SamplerArrays, rows: slice, places: Array) -> Array:
     return np.linalg.norm(sampler.errors_at(layout, "exact", places.T)[rows], axis=0)
 
 
-# step of the central differences for the support point of a law given only by its support function
-_SUPPORT_STEP: Final = 1e-7
-
-
 class Body(ABC):
     """Bounded set of deviations of m numbers from their means, given by the support function of its convex hull."""
 
@@ -609,7 +605,8 @@ class _Described(Body):
     def points(self, directions: Array) -> Array:
         result = np.empty_like(directions)
         for k, direction in enumerate(directions):
-            step = _SUPPORT_STEP * (np.linalg.norm(direction) or 1.0)
+            # step of the central differences for the support point of a law given only by its support function
+            step = 1e-7 * (np.linalg.norm(direction) or 1.0)
             ends = direction + step * np.concatenate([np.eye(direction.size), -np.eye(direction.size)])
             upper, lower = np.split(self.heights(ends), 2)
             result[k] = (upper - lower) / (2 * step)
