@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.budget.sobol import scrambled_points
+from precision_pin.analyses.budget.budget import scrambled_points
 from precision_pin.analyses.moments.moments import Method, PoseMoments, moments
 from precision_pin.analyses.replicates import REPLICATES
 from precision_pin.base.arrays import Array

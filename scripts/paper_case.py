@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import precision_pin as pp
-from precision_pin.analyses.monte_carlo.table import analysis_table
+from precision_pin.analyses.monte_carlo import analysis_table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import figures
 

@@ -14,7 +14,7 @@ from scipy import integrate, special, stats
 import precision_pin as pp
 from benchmarks.coverage.row import Coverage
 from precision_pin.analyses.reliability.estimates import Estimate, plain_estimate
-from precision_pin.analyses.reliability.rare_events import rare_events
+from precision_pin.analyses.reliability.importance import rare_events
 from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.draw import Draw

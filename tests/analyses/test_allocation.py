@@ -36,7 +36,7 @@ from precision_pin.analyses.allocation.tolerances import (
     read_cost,
 )
 from precision_pin.analyses.exact_law.number_law import NormalNorm
-from precision_pin.analyses.map.normal_norms import norm_quantile_slopes
+from precision_pin.analyses.map.first_order import norm_quantile_slopes
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets

@@ -14,7 +14,8 @@ from scipy.special import ndtri
 from scipy.stats import binom
 
 import precision_pin as pp
-from precision_pin.analyses.budget import shapley, sobol
+from precision_pin.analyses.budget import budget as budget_module
+from precision_pin.analyses.budget import shares
 from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.budget.figure import figure
 from precision_pin.analyses.budget.shares import by_draw, by_place, correlated_groups
@@ -273,7 +274,7 @@ def test_draws_correlated_by_a_copula():
 @pytest.mark.parametrize("most", [12, 3])
 def test_correlated_places_agree_with_all_orders(monkeypatch, most):
     """Four correlated numbers along x, of which ``s`` acts at two places; too many players keep joint and link together."""
-    monkeypatch.setattr(shapley, "MOST_PLAYERS", most)
+    monkeypatch.setattr(shares, "MOST_PLAYERS", most)
     std = np.array([1.0, 2.0, 1.5, 3.0]) * 1e-3
     matrix = np.array([[1, 0.7, -0.5, 0.3], [0.7, 1, -0.2, 0.1], [-0.5, -0.2, 1, 0.4], [0.3, 0.1, 0.4, 1]])
     space = Space(
@@ -367,12 +368,12 @@ def test_effects_agree_with_the_definition(groups):
         len(groups),
         lambda members: conditional(SLOPES, COVARIANCE, sorted(k for member in members for k in groups[member])),
     )
-    np.testing.assert_allclose(shapley.effects(SLOPES, COVARIANCE, groups), expected, rtol=0, atol=1e-12)
-    forms = shapley.effect_forms(COVARIANCE, groups)
+    np.testing.assert_allclose(shares.shapley_effects(SLOPES, COVARIANCE, groups), expected, rtol=0, atol=1e-12)
+    forms = shares.effect_forms(COVARIANCE, groups)
     np.testing.assert_allclose(np.einsum("ij,gjk,ik->gi", SLOPES, forms, SLOPES), expected, rtol=0, atol=1e-12)
     np.testing.assert_allclose(forms.sum(axis=0), COVARIANCE, rtol=0, atol=1e-12)
     with pytest.raises(InputError, match="at most 12"):
-        shapley.values(13, lambda members: np.zeros(()))
+        shares.shapley_values(13, lambda members: np.zeros(()))
 
 
 def test_members_of_a_union_are_neighbours_in_all_orders():
@@ -380,7 +381,7 @@ def test_members_of_a_union_are_neighbours_in_all_orders():
         return abs(order.index(0) - order.index(2)) == 1
 
     expected = by_orders(4, lambda known: conditional(SLOPES, COVARIANCE, list(known)), keeps)
-    forms = shapley.joined_effect_forms(COVARIANCE, [[k] for k in range(4)], [[1], [0, 2], [3]])
+    forms = shares.joined_effect_forms(COVARIANCE, [[k] for k in range(4)], [[1], [0, 2], [3]])
     np.testing.assert_allclose(np.einsum("ij,gjk,ik->gi", SLOPES, forms, SLOPES), expected, rtol=0, atol=1e-12)
 
 
@@ -394,7 +395,7 @@ def test_two_normal_inputs_have_the_published_effects(rho):
         b1**2 * s1**2 * (1 - rho**2 / 2) + common + b2**2 * s2**2 * rho**2 / 2,
         b2**2 * s2**2 * (1 - rho**2 / 2) + common + b1**2 * s1**2 * rho**2 / 2,
     ]
-    found = shapley.effects(np.array([[b1, b2]]), covariance, [[0], [1]])[:, 0]
+    found = shares.shapley_effects(np.array([[b1, b2]]), covariance, [[0], [1]])[:, 0]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
@@ -415,9 +416,11 @@ def ishigami(uniforms: np.ndarray) -> np.ndarray:
     return (np.sin(x[0]) + A * np.sin(x[1]) ** 2 + B * x[2] ** 4 * np.sin(x[0]))[None]
 
 
-def indices(function, dimension: int, groups, *, seed: int = 0, points: int = 1024, **settings) -> sobol.Indices:
-    both = sobol.scrambled_points(2 * dimension, seed, points)
-    return sobol.sobol_indices(function, both[:dimension], both[dimension:], groups, **settings)
+def indices(
+    function, dimension: int, groups, *, seed: int = 0, points: int = 1024, **settings
+) -> budget_module.Indices:
+    both = budget_module.scrambled_points(2 * dimension, seed, points)
+    return budget_module.sobol_indices(function, both[:dimension], both[dimension:], groups, **settings)
 
 
 def covers(estimates: Estimates, truth) -> np.ndarray:
@@ -442,8 +445,8 @@ def test_intervals_cover_as_often_as_stated():
     hits, truth = np.zeros(9), 2 - math.sqrt(0.1)
     for seed in range(60):
         found = indices(ishigami, 3, [[0], [1], [2]], seed=seed, points=128)
-        total = sobol.scrambled_points(2, seed, 128).sum(axis=0, keepdims=True)
-        value, change = sobol.quantile_changes(total, total / 2, 0.95, 0.95)
+        total = budget_module.scrambled_points(2, seed, 128).sum(axis=0, keepdims=True)
+        value, change = budget_module.quantile_changes(total, total / 2, 0.95, 0.95)
         hits += np.concatenate(
             [covers(found.first, np.array(FIRST)[:, None])[:, 0], covers(found.total, np.array(TOTAL)[:, None])[:, 0],
              covers(found.variance, VARIANCE), covers(value, truth), covers(change, truth / 2)]
@@ -472,17 +475,17 @@ def test_closed_form_of_an_interaction():
 
 
 def test_quantiles_of_known_laws():
-    samples = sobol.scrambled_points(2, 3, 1024)
+    samples = budget_module.scrambled_points(2, 3, 1024)
     scaled = np.array([1.0, 5.0])[:, None]
-    value, change = sobol.quantile_changes(samples * scaled / 2, samples * scaled, 0.95, 0.99)
+    value, change = budget_module.quantile_changes(samples * scaled / 2, samples * scaled, 0.95, 0.99)
     np.testing.assert_allclose(value.value, [0.475, 2.375], rtol=1e-3)
     np.testing.assert_allclose(change.value, [-0.475, -2.375], rtol=1e-3)
     assert (np.abs(value.value - [0.475, 2.375]) <= value.half_width).all()
-    np.testing.assert_allclose(sobol.quantiles(samples, 0.95, 0.99).value, 0.95, rtol=1e-3)
+    np.testing.assert_allclose(budget_module.quantiles(samples, 0.95, 0.99).value, 0.95, rtol=1e-3)
     # at a jump they are not resolved: two values, the upper one of probability 0.05, 0.051 and 0.5; beyond it is exact
     for probability, given in ((0.05, False), (0.051, False), (0.5, True)):
-        points = sobol.scrambled_points(1, 1, 32)
-        found = sobol.quantiles(np.where(points > 1 - probability, 1.0, -1.0), 0.95, 0.95)
+        points = budget_module.scrambled_points(1, 1, 32)
+        found = budget_module.quantiles(np.where(points > 1 - probability, 1.0, -1.0), 0.95, 0.95)
         assert np.isfinite(found.value[0]) == given
         assert not given or (found.value[0], found.half_width[0]) == (pytest.approx(1.0, abs=1e-14), pytest.approx(0.0))
 
@@ -499,7 +502,7 @@ def test_intervals_of_skewed_replicates_cover():
     ):
         held = np.abs(numbers.mean(axis=0) - mean) <= half_widths(numbers, 0.95)
         assert held.sum() >= binom.ppf(1e-4, runs, 0.945)
-    numbers = np.random.default_rng(4).normal(size=sobol.REPLICATES // 2)
+    numbers = np.random.default_rng(4).normal(size=budget_module.REPLICATES // 2)
     numbers = np.concatenate([numbers, -numbers])
     found = jackknife(lambda used: numbers[used].mean(), 0.95)
     assert found.value == pytest.approx(0.0, abs=1e-15)
@@ -524,19 +527,19 @@ def test_a_rare_value_that_no_point_meets_is_not_resolved():
     def function(u):
         return (np.where(u[0] > 1 - 1e-5, 10.0, 0.0) + ndtri(u[1]))[None]
 
-    both = sobol.scrambled_points(4, 0, 32)
-    found = sobol.sobol_indices(function, both[:2], both[2:], [[0], [1]], breaks=[(1 - 1e-5,), ()])
+    both = budget_module.scrambled_points(4, 0, 32)
+    found = budget_module.sobol_indices(function, both[:2], both[2:], [[0], [1]], breaks=[(1 - 1e-5,), ()])
     assert np.isnan(found.first.value).all()
     assert np.isnan(found.total.value).all()
 
 
 def test_points_lie_inside_and_depend_on_the_seed_alone():
-    points = sobol.scrambled_points(5, 2**64 - 1, 64)
-    assert points.shape == (5, 64 * sobol.REPLICATES)
+    points = budget_module.scrambled_points(5, 2**64 - 1, 64)
+    assert points.shape == (5, 64 * budget_module.REPLICATES)
     assert 0 < points.min() < points.max() < 1
-    np.testing.assert_array_equal(points, sobol.scrambled_points(5, 2**64 - 1, 64))
-    assert not np.array_equal(points, sobol.scrambled_points(5, 0, 64))
-    split = points.reshape(5, sobol.REPLICATES, 64)
+    np.testing.assert_array_equal(points, budget_module.scrambled_points(5, 2**64 - 1, 64))
+    assert not np.array_equal(points, budget_module.scrambled_points(5, 0, 64))
+    split = points.reshape(5, budget_module.REPLICATES, 64)
     # a net: each replicate has one point in every 1/64 of each axis
     assert (np.sort((split * 64).astype(int), axis=2) == np.arange(64)).all()
     assert not np.array_equal(split[:, 0], split[:, 1])

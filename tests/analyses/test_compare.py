@@ -7,8 +7,7 @@ import pytest
 from scipy import optimize, stats
 
 import precision_pin as pp
-from precision_pin.analyses.compare.compare import mean_difference, quantile_difference, share_difference
-from precision_pin.analyses.compare.table import headline
+from precision_pin.analyses.compare.compare import headline, mean_difference, quantile_difference, share_difference
 from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import JointOffset

@@ -14,10 +14,16 @@ import pytest
 from scipy import integrate, special, stats
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law.exact_law import LEVELS, agreement_of, bound_text, exact_law, quantile_digits
+from precision_pin.analyses.exact_law.exact_law import (
+    LEVELS,
+    agreement_of,
+    bound_text,
+    exact_law,
+    quantile_digits,
+    table,
+)
 from precision_pin.analyses.exact_law.figure import figure
 from precision_pin.analyses.exact_law.number_law import ConvolvedLaw, NormalLaw, NormalNorm, Summand, certified_series
-from precision_pin.analyses.exact_law.table import table
 from precision_pin.analyses.provenance import listed_poses
 from precision_pin.base.errors import InputError
 from precision_pin.draws import laws

@@ -12,9 +12,9 @@ import precision_pin as pp
 from precision_pin.analyses.exact_law.number_law import NormalNorm
 from precision_pin.analyses.map import map_poses
 from precision_pin.analyses.map import map_poses as map_poses_module
-from precision_pin.analyses.map.first_order import first_order
-from precision_pin.analyses.map.law_bounds import LawShapes
-from precision_pin.analyses.map.normal_norms import (
+from precision_pin.analyses.map.first_order import (
+    LawShapes,
+    first_order,
     norm_probabilities,
     norm_quantiles,
     norm_tail_bounds,

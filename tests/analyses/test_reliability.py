@@ -23,11 +23,9 @@ from precision_pin.analyses.reliability.estimates import (
     summed,
 )
 from precision_pin.analyses.reliability.figure import figure
-from precision_pin.analyses.reliability.form import DesignPoint, Form, form
-from precision_pin.analyses.reliability.importance import importance_sampling, subset_simulation
-from precision_pin.analyses.reliability.rare_events import rare_events
+from precision_pin.analyses.reliability.form import DesignPoint, Form, Stratum, form, from_normals, stratified
+from precision_pin.analyses.reliability.importance import importance_sampling, rare_events, subset_simulation
 from precision_pin.analyses.reliability.reliability import reliability
-from precision_pin.analyses.reliability.strata import Stratum, from_normals, stratified
 from precision_pin.analyses.reliability.table import table
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation

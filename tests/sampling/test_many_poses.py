@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 import precision_pin as pp
-from precision_pin.analyses.monte_carlo.table import poses_table
+from precision_pin.analyses.monte_carlo import poses_table
 from precision_pin.base.errors import InputError, PrecisionPinWarning, UnknownNameError
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Empirical, Law, Lognormal, Normal, TwoPoint, Uniform

@@ -139,8 +139,8 @@ class Job(NamedTuple):
 class Declaration(NamedTuple):
     """Declaration of an analysis.
 
-    The folder of the function has the modules ``table`` and ``figure``: ``table.table(result, …)`` returns text,
-    ``figure.figure(result, k)`` the figure of pose k, ``figure.content(result, results)`` the parts of the report's
+    The folder of the function has the modules ``table`` (but see ``table_name``) and ``figure``: ``table.table(result,
+    …)`` returns text, ``figure.figure(result, k)`` the figure of pose k, ``figure.content(result, results)`` the parts of the report's
     section, and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
 
     Attributes:
@@ -163,7 +163,7 @@ class Declaration(NamedTuple):
         reads, writes: Arguments of the options that name further input files, and output files.
         files: Patterns of the names of files in a folder.
         is_sampled: True if the command samples, so that compilation may start while the inputs are read.
-        table_name: Name of the function in ``table``.
+        table_name: Name of the function in ``table``, or ``module:name`` in the folder.
     """
 
     name: str
@@ -214,7 +214,8 @@ class Declaration(NamedTuple):
 
     def table(self, result: Any, **arguments: Any) -> str:
         """Return a result as text."""
-        return load(f"{self.outputs}.table:{self.table_name}")(result, **arguments)
+        module, _, name = self.table_name.rpartition(":")
+        return load(f"{self.outputs}.{module or 'table'}:{name}")(result, **arguments)
 
     def figure(self, result: Any, *pose: int) -> Any:
         """Return the figure of a result, or of its pose with the given index."""

@@ -130,7 +130,7 @@ def mcpc(as_json: bool, **arm: Any) -> None:
 
     Without arguments: the paper's arm.
     """
-    from precision_pin.analyses.monte_carlo.table import mcpc_table
+    from precision_pin.analyses.monte_carlo import mcpc_table
     from precision_pin.robot import urdf
     from precision_pin.robot.chain import Chain, chain_findings
     from precision_pin.robot.mcpc import from_chain

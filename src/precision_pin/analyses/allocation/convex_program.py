@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from precision_pin.analyses.allocation.tolerances import Cost, Grades
-from precision_pin.analyses.map import normal_norms
+from precision_pin.analyses.map import first_order
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.record import Record
 
@@ -96,13 +96,13 @@ class Limit(Fixed):
             still = (self.mean**2).sum(axis=0) + np.einsum("iip->p", self.fixed)
             varying = np.einsum("niip,nm->mp", self.parts, self._products(t))
             return np.asarray(np.sqrt(np.maximum(still + varying, 0.0)))
-        quantiles = normal_norms.norm_quantiles(*normal_norms.principal_axes(*self._vectors(t)), self.probability)
+        quantiles = first_order.norm_quantiles(*first_order.principal_axes(*self._vectors(t)), self.probability)
         return np.asarray(quantiles.reshape(t.shape[1], -1))
 
     def probabilities(self, t: Array) -> Array:
         """Return the probability that a normal error keeps the limit of a quantile, ``(P,)``."""
-        axes = normal_norms.principal_axes(*self._vectors(t[:, None]))
-        return normal_norms.norm_probabilities(*axes, np.full(axes[0].shape[1], self.limit))
+        axes = first_order.principal_axes(*self._vectors(t[:, None]))
+        return first_order.norm_probabilities(*axes, np.full(axes[0].shape[1], self.limit))
 
     def excess(self, t: Array) -> Array:
         """Return ln of the measure over its limit, ``(places,)``."""
@@ -124,7 +124,7 @@ class Limit(Fixed):
             return np.asarray(self._by_tolerance(by_product, t) / np.maximum(2 * value**2, 1e-300))
         mean, covariance = self._vectors(t[:, None])
         rows = len(self.mean)
-        slopes = normal_norms.norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
+        slopes = first_order.norm_quantile_slopes(mean, covariance, value)[:rows, :rows]
         by_product = np.einsum("nijp,ijp->np", self.parts, slopes)
         return np.asarray(self._by_tolerance(by_product, t) / np.maximum(value, 1e-300))
 

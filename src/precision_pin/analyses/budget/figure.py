@@ -13,8 +13,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget, Shares, scaled
 from precision_pin.analyses.budget.table import source_name
-from precision_pin.analyses.causes import Cause, CauseShare, rank_causes
-from precision_pin.analyses.collect import MISSING, Results, percent, shown
+from precision_pin.analyses.collect import MISSING, Cause, CauseShare, Results, percent, rank_causes, shown
 from precision_pin.base.errors import shortened
 from precision_pin.render.draw_distribution import BLACK, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, inline_figure, new_figure, style

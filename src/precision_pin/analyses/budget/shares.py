@@ -1,4 +1,9 @@
-"""Closed-form shares of draws, sources and places in the variance and the reach of the first-order model."""
+"""Closed-form shares of draws, sources and places in the variance and the reach of the first-order model.
+
+Shapley values, the fair division of a joint result among its contributors: Shapley, A value for n-person games (1953);
+as shares of a variance: Owen, SIAM/ASA Journal on Uncertainty Quantification 2 (2014); for correlated inputs: Song,
+Nelson and Staum, ibid. 4 (2016), Owen and Prieur, ibid. 5 (2017).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +15,9 @@ from typing import Final, TypeVar, final
 
 import numpy as np
 
-from precision_pin.analyses.budget import shapley
 from precision_pin.analyses.budget.budget_result import VECTORS, Shares, SourceShare
 from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
@@ -63,10 +68,10 @@ def by_draw(at: PoseModel) -> Array:
         jacobian, covariance = at.jacobian[:, together], at.space.block_covariance.within(together)
         if len(group) == 1:
             result[group[0]] = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
-        elif len(group) <= shapley.MOST_PLAYERS:
+        elif len(group) <= MOST_PLAYERS:
             ends = np.cumsum([0, *map(len, columns)]).tolist()
             members = [list(range(a, b)) for a, b in itertools.pairwise(ends)]
-            result[list(group)] = shapley.effects(jacobian, covariance, members)
+            result[list(group)] = shapley_effects(jacobian, covariance, members)
     return result
 
 
@@ -82,9 +87,9 @@ def by_component(at: PoseModel, draw: int) -> Array | None:
     jacobian = at.jacobian[:, columns]
     if np.array_equal(covariance, np.diag(np.diag(covariance))):
         return (jacobian**2 * np.diag(covariance)).T
-    if len(columns) > shapley.MOST_PLAYERS:
+    if len(columns) > MOST_PLAYERS:
         return None
-    return shapley.effects(jacobian, covariance, [[k] for k in range(len(columns))])
+    return shapley_effects(jacobian, covariance, [[k] for k in range(len(columns))])
 
 
 def reaches(at: PoseModel, k: float) -> Array:
@@ -115,7 +120,7 @@ def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
     that acts at several places has the opposite effect at others. Correlated numbers at different places, such as from
     a calibration, are divided by Shapley effects: numbers that act at the same places are a player, and a player at
     several places divides its gain or loss by correlation evenly among them. With more than twelve players, those of a
-    joint and of the link that it moves are neighbours in all orders (:func:`shapley.joined_effect_forms`); if that is
+    joint and of the link that it moves are neighbours in all orders (:func:`joined_effect_forms`); if that is
     still too many, correlated numbers count as ``Cov(e_p, e)`` too.
     """
     keys = [key_of(target) for target in at.table.targets]
@@ -151,14 +156,14 @@ def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
 
 def _forms(covariance: Array, players: Mapping[tuple[int, ...], list[int]], moved: Sequence[int]) -> Array | None:
     """Return the effect of each player as a quadratic form of slopes; None where there are too many."""
-    if len(players) <= shapley.MOST_PLAYERS:
-        return shapley.effect_forms(covariance, list(players.values()))
+    if len(players) <= MOST_PLAYERS:
+        return effect_forms(covariance, list(players.values()))
     unions: dict[tuple[int, ...], list[int]] = {}
     for player, where in enumerate(players):
         unions.setdefault(tuple(dict.fromkeys(moved[place] for place in where)), []).append(player)
-    if max(len(unions), *map(len, unions.values())) > shapley.MOST_PLAYERS:
+    if max(len(unions), *map(len, unions.values())) > MOST_PLAYERS:
         return None
-    return shapley.joined_effect_forms(covariance, list(players.values()), list(unions.values()))
+    return joined_effect_forms(covariance, list(players.values()), list(unions.values()))
 
 
 def moved_link(target: Target) -> int:
@@ -237,7 +242,7 @@ class SourceLine:
         name, sources: Name of the line, and labels of the sources.
         draws, columns: Rows of the draws that belong to it as a whole, and their columns.
         parts: For each draw divided among lines, its row, its columns and this line's form ``(size, size)``, from
-            :func:`shapley.effect_forms`.
+            :func:`effect_forms`.
     """
 
     name: str
@@ -265,7 +270,7 @@ def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
             line.draws.append(row)
             line.columns.extend(range(columns.start, columns.stop))
             continue
-        forms = shapley.effect_forms(space.block_covariance.within(_columns(space, [row])), list(groups.values()))
+        forms = effect_forms(space.block_covariance.within(_columns(space, [row])), list(groups.values()))
         for (name, numbers), form in zip(groups.items(), forms, strict=True):
             used = tuple(dict.fromkeys(label for k in numbers for label in owners[draw.components[k]]))
             lines.setdefault(name, SourceLine(name, used, [], [], [])).parts.append((row, columns, form))
@@ -283,7 +288,7 @@ def _divided(draw: Draw, owners: Mapping[str, Sequence[str]]) -> dict[str, list[
                 place = line.partition("[")[2].rpartition("]")[0]
                 line = line if is_by_source or not place else f"{place}, {draw.name}"
             groups.setdefault(line, []).append(k)
-        if len(groups) <= shapley.MOST_PLAYERS:
+        if len(groups) <= MOST_PLAYERS:
             return groups
     return {}
 
@@ -301,3 +306,114 @@ def source_shares(
         draws = tuple(at.space.draws[row].name for row in (*line.draws, *(row for row, _, _ in line.parts)))
         found.append(SourceShare(line.name, line.sources, draws, shares_of(part, variances)))
     return tuple(found)
+
+
+MOST_PLAYERS: Final = 12
+"""Largest number of players: all 2^n coalitions are evaluated."""
+
+DEPENDENT: Final = 1e-12
+"""Eigenvalues of a correlation matrix below this belong to linearly dependent numbers."""
+
+# relative deviation of a number given those before it, above which no eigenvalue can be that small
+_INDEPENDENT: Final = 1e-4
+
+
+def shapley_values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
+    """Return the exact Shapley value of each player, ``(n, …)``, from all coalitions; they sum to v(all) - v(none).
+
+    φ_i = Σ over S without i of |S|! (n - |S| - 1)! / n! · (v(S ∪ i) - v(S)).
+
+    Args:
+        players: Number of players, n.
+        worth: Function v of a coalition (ascending players, possibly empty); its values have one shape.
+
+    Raises:
+        InputError: There are more than twelve players.
+    """
+    if players > MOST_PLAYERS:
+        raise InputError(f"{players} players for a Shapley value; at most {MOST_PLAYERS} are allowed")
+    result: Array = np.zeros((players, *np.shape(worth(()))))
+    for size in range(players + 1):
+        # v(S) is used once for each member, as the worth of S without it and with it
+        as_member, as_other = (
+            1 / (players * math.comb(players - 1, others)) if 0 <= others < players else 0.0
+            for others in (size - 1, size)
+        )
+        for coalition in itertools.combinations(range(players), size):
+            value = worth(coalition)
+            for player in range(players):
+                result[player] += value * (as_member if player in coalition else -as_other)
+    return result
+
+
+def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
+    """Return the covariance ``(m, m)`` of linear outputs that some inputs explain.
+
+    v(S) = w Σ_·S Σ_SS⁺ Σ_S· wᵀ is the covariance of the best linear prediction: Cov(E[y | x_S]) for normal inputs.
+
+    Args:
+        slopes: ``(m, d)`` derivatives of the outputs with respect to the inputs.
+        covariance: ``(d, d)`` covariance of the inputs; it may be singular.
+        known: Columns of the known inputs.
+    """
+    rows = [k for k in known if covariance[k, k] > 0]
+    if not rows:
+        return np.zeros((len(slopes),) * 2)
+    scale = np.sqrt(np.diag(covariance)[rows])
+    cross = slopes @ covariance[:, rows] / scale
+    correlation = covariance[np.ix_(rows, rows)] / np.outer(scale, scale)
+    try:
+        factor = np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        factor = np.zeros((1, 1))
+    if factor.diagonal().min() > _INDEPENDENT:
+        half = np.linalg.solve(factor, cross.T)  # a tenth of the time of the pseudo-inverse
+        return np.asarray(half.T @ half)
+    inverse = np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
+    return cross @ inverse @ cross.T
+
+
+def shapley_effects(slopes: Array, covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
+    """Return the Shapley effects ``(groups, m)`` of groups of inputs, by columns, on the variances of linear outputs.
+
+    Their sum is the variance explained by all groups. Without correlation between groups they are the variance shares.
+    """
+    return shapley_values(
+        len(groups),
+        lambda coalition: explained(slopes, covariance, [k for member in coalition for k in groups[member]]).diagonal(),
+    )
+
+
+def effect_forms(covariance: Array, groups: Sequence[Sequence[int]]) -> Array:
+    """Return the Shapley effects of groups of inputs as quadratic forms of any output's slopes, ``(groups, d, d)``.
+
+    With form Φ_g, a group's effect on the variance of an output with slopes w is w Φ_g wᵀ; Σ Φ_g is the covariance.
+    """
+    slopes = np.eye(len(covariance))
+    return shapley_values(
+        len(groups),
+        lambda coalition: explained(slopes, covariance, [k for member in coalition for k in groups[member]]),
+    )
+
+
+def joined_effect_forms(covariance: Array, groups: Sequence[Sequence[int]], unions: Sequence[Sequence[int]]) -> Array:
+    """Return :func:`effect_forms` averaged only over orders in which the members of a union are neighbours.
+
+    This is the value of Owen, Values of games with a priori unions (1977). Its cost is 2ⁿ with n the number of unions.
+    A union is a list of group numbers; every group is in one.
+    """
+    members = [[k for group in union for k in groups[group]] for union in unions]
+    whole = effect_forms(covariance, members)
+    result = np.zeros((len(groups), *covariance.shape))
+    for number, union in enumerate(unions):
+
+        def worth(some: tuple[int, ...], number: int = number, union: Sequence[int] = union) -> Array:
+            if not some:
+                return np.zeros(covariance.shape)
+            if len(some) == len(union):
+                return np.asarray(whole[number])
+            part = [k for member in some for k in groups[union[member]]]
+            return np.asarray(effect_forms(covariance, [*members[:number], part, *members[number + 1 :]])[number])
+
+        result[list(union)] = shapley_values(len(union), worth)
+    return result

@@ -18,7 +18,7 @@ from precision_pin.analyses.budget.budget_result import (
     SourceShare,
     scaled,
 )
-from precision_pin.analyses.monte_carlo.table import answer_of, subject
+from precision_pin.analyses.monte_carlo import answer_of, subject
 from precision_pin.base.errors import shortened
 from precision_pin.render.tables import percent, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned

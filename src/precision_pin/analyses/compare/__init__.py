@@ -76,5 +76,5 @@ DECLARATION = Declaration(
     sheets=name_sheets,
     arguments=("sheets", "A.yaml [B.yaml …]"),
     files=("comparison.*",),
-    table_name="comparison_table",
+    table_name="compare:comparison_table",
 )

@@ -3,47 +3,55 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betainc
 
 from precision_pin.analyses.budget.shares import source_lines
 from precision_pin.analyses.map.first_order import first_order
+from precision_pin.analyses.monte_carlo import demanded, verdict_line
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.result import Outcome
 from precision_pin.base.arguments import check_instance, check_items, check_memory, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError, warns_at_end
+from precision_pin.base.errors import Finding, InputError, shortened, shown, visible, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
+from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import Table, rendered
-from precision_pin.render.tables import milli
+from precision_pin.render.tables import milli, resting_on, symbol
+from precision_pin.render.text_table import aligned
 from precision_pin.sampling import Progress, check_progress, monte_carlo
 from precision_pin.sampling.blocks import first_order_skewness
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sheet.differences import SheetDifference, sheet_differences
-from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, check_confidence
+from precision_pin.statistics import (
+    COMPONENTS,
+    NORMS,
+    QUANTITIES,
+    Specification,
+    check_confidence,
+    clopper_pearson,
+    format_inside,
+    quantile_ranks,
+)
+from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.intervals import Moments
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-from bisect import bisect_left
-
-from numpy.typing import NDArray
-from scipy.special import betainc
-
-from precision_pin.draws import lazy_special
-from precision_pin.statistics import clopper_pearson, quantile_ranks
-from precision_pin.statistics.intervals import Moments
 
 _CELLS: Final = 48
 """Largest number of intervals examined for the first quantile."""
@@ -512,3 +520,127 @@ def _variances(model: ErrorModel, q: Array) -> Mapping[str, float]:
     found = first_order(model, q[:, None], None, lines, None, lambda _: None)
     total = float(np.trace(found.covariance[:3, :3, 0]))
     return {line.name: total * float(share) for line, share in zip(lines, found.shares[:, 0], strict=True)}
+
+
+_SHOWN: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
+_MOST_CAUSES: Final = 8
+_MOST_DIFFERENCES: Final = 20
+_MOST_LETTERS: Final = 30
+
+
+def comparison_table(result: ComparisonResult) -> str:
+    """Return which model is better and by how much, then laws, verdicts, causes, and the differences of the sheets."""
+    of = result.provenance
+    lines = [
+        *(headline(result, rank) for rank in range(1, len(result.names))),
+        *_verdicts(result),
+        "",
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}",
+        f"{result.samples:,} robots, the same in all, seed {of.seed}, {result.model} model",
+        f"intervals and digits at {result.confidence:.0%} confidence; differences: to {shown(result.names[0])}",
+    ]
+    for pose in result.poses:
+        lines += ["", *_pose(result, pose)]
+    for name, changes in zip(result.names[1:], result.sheet_differences, strict=True):
+        other = f" has otherwise than {shown(result.names[0])}:" if changes else ": the same sheet"
+        lines += ["", f"{shown(name)}{other}"]
+        rows = [
+            [f"  {shortened(visible(one.path), 50)}", _written(one.before), "->", _written(one.after)]
+            for one in changes[:_MOST_DIFFERENCES]
+        ]
+        lines += aligned(rows) if rows else []
+        more = len(changes) - len(rows)
+        lines += [f"  and {more:,} more: --json FILE writes all"] if more > 0 else []
+    return "\n".join([*lines, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)])
+
+
+def headline(result: ComparisonResult, rank: int) -> str:
+    """Return a sentence that compares a model with the first at the first model's worst pose."""
+    pose = result.poses[result.worst_pose()]
+    one = pose.differences[rank - 1].quantiles["position.norm"][0.95]
+    first, other = (_quantile(pose.laws[k], "position.norm", 0.95) for k in (0, rank))
+    names = shown(result.names[0]), shown(result.names[rank])
+    where = f" at the worst pose {shown(pose.label.name)}" if len(result.poses) > 1 else ""
+    within = f"95 % of robots within |d| {other} mm instead of {first}{where}"
+    if one.interval is None:
+        return f"{names[1]} against {names[0]}: {within}; the robots are too few to tell the difference"
+    if one.value == 0 and one.interval == (0.0, 0.0):
+        return f"{names[1]} and {names[0]} do not differ in |d|{where}: 95 % of robots within {first} mm"
+    if not one.is_told:
+        return f"{names[1]} is not told from {names[0]}: {within}, difference {_signed(one)} mm"
+    better = "better" if one.value < 0 else "worse"
+    return f"{names[1]} is {better} than {names[0]}: {within}, {_signed(one)} mm"
+
+
+def _verdicts(result: ComparisonResult) -> list[str]:
+    """Return a line for each specification, model and pose where it is judged; with several poses only those missed."""
+    lines = []
+    for rank, name in enumerate(result.names):
+        for pose in result.poses:
+            for number, one in enumerate(pose.laws[rank].summary.specifications):
+                where = f" at {shown(pose.label.name or 'the pose')}" if len(result.poses) > 1 else ""
+                change = "" if rank == 0 else f", {_points(pose.differences[rank - 1].shares[number])}"
+                verdict = verdict_line(f"spec {demanded(one)}", one, "{share} % inside, {low} to {high} %")
+                lines.append(f"{shown(name)}: {verdict}{where}{change}")
+    return lines
+
+
+def _points(change: Difference) -> str:
+    if change.interval is None:
+        return f"change {100 * change.value:+.2g} points"
+    low, high = (100 * end for end in change.interval)
+    return f"change {100 * change.value:+.3g} points ({low:+.3g} to {high:+.3g})"
+
+
+def _pose(result: ComparisonResult, pose: PoseComparison) -> list[str]:
+    title = [f"pose {shown(pose.label.name)}"] if pose.label.name and len(result.poses) > 1 else []
+    heads = [f"{100 * level:.4g} %" for level in LEVELS]
+    rows = [["", "", "mean", *heads, *(f"change of {head}" for head in heads[1:])]]
+    for quantity, unit in _SHOWN:
+        for rank, (name, law) in enumerate(zip(result.names, pose.laws, strict=True)):
+            of = law.position.norm if quantity.startswith("position") else law.attitude.norm
+            cells = [milli(of.mean, 4), *(_quantile(law, quantity, level) for level in LEVELS)]
+            by_level = pose.differences[rank - 1].quantiles[quantity] if rank else {}
+            cells += [_signed(by_level[level]) if rank else "" for level in LEVELS[1:]]
+            label = f"{symbol(quantity)} {unit}" if rank == 0 else ""
+            rows.append([label, shortened(visible(name), _MOST_LETTERS), *cells])
+    return [*title, *aligned(rows), "", *_causes(result, pose)]
+
+
+def _causes(result: ComparisonResult, pose: PoseComparison) -> list[str]:
+    """Return the largest lines of sources, by their largest contribution to the variance in any model."""
+    names = dict.fromkeys(name for variance in pose.variances for name in variance)
+    largest = {name: max(variance.get(name, 0.0) for variance in pose.variances) for name in names}
+    listed = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0][:_MOST_CAUSES]
+    head = ["variance of the position, mm²", *(shortened(visible(name), _MOST_LETTERS) for name in result.names)]
+    rows = [
+        [shortened(visible(name), _MOST_LETTERS), *(_variance(variance.get(name)) for variance in pose.variances)]
+        for name in listed
+    ]
+    total = ["all", *(_variance(sum(variance.values())) for variance in pose.variances)]
+    return aligned([head, *rows, total])
+
+
+def _variance(value: float | None) -> str:
+    return "-" if value is None else f"{1e6 * value:.3g}"
+
+
+def _quantile(law: MonteCarloResult, quantity: str, level: float) -> str:
+    of = law.position.norm if quantity.startswith("position") else law.attitude.norm
+    value, ends = of.quantile(level), of.quantile_interval(level)
+    if value is None or ends is None:
+        return "-"
+    return format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=5)
+
+
+def _signed(one: Difference) -> str:
+    if one.interval is None:
+        return f"{1e3 * one.value:+.3g}"
+    low, high = format_interval(*one.interval, 1e3)
+    value = format_inside(1e3 * one.value, (1e3 * one.interval[0], 1e3 * one.interval[1]), most=5)
+    sign = "+" if one.value > 0 else ""
+    return f"{sign}{value} ({low} to {high})"
+
+
+def _written(value: str | None) -> str:
+    return "-" if value is None else shortened(visible(value), _MOST_LETTERS)

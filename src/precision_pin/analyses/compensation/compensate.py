@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.budget.shares import source_lines
-from precision_pin.analyses.map.first_order import first_order
+from precision_pin.analyses.map.first_order import first_order, norm_quantiles, principal_axes
 from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
-from precision_pin.analyses.map.normal_norms import norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import AnalysisResult, list_warnings
 from precision_pin.base import se3

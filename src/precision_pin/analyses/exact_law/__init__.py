@@ -13,4 +13,5 @@ DECLARATION = Declaration(
     options=(*AT_POSES, Option("--samples", "samples", "Samples to compare with.", int, 100_000, "N", group=SAMPLING)),
     steps=f"{__name__}.exact_law:count_steps",
     has_warnings_in_table=True,
+    table_name="exact_law:table",
 )

@@ -27,11 +27,12 @@ from precision_pin.analyses.exact_law.number_law import (
     certified_series,
     quantile_bounds,
 )
+from precision_pin.analyses.monte_carlo import answer_of, subject
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arguments import check_memory, check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError, add, warns_at_end
+from precision_pin.base.errors import Finding, InputError, add, one_line, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record, encode
 from precision_pin.draws.laws import Law
@@ -42,7 +43,8 @@ from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import Table
-from precision_pin.render.tables import MOST_POSES, milli, number, symbol, unit
+from precision_pin.render.tables import MOST_POSES, ROUNDING, milli, number, symbol, unit
+from precision_pin.render.text_table import aligned
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values
 from precision_pin.statistics.intervals import round_end
@@ -267,9 +269,6 @@ def quantile_digits(value: float, error: float, digits: int) -> int:
 
 LARGEST_ERROR: Final = 1e-6
 """Largest certified error of the cumulative probabilities for which a law is given."""
-
-ROUNDING: Final = 1e-14
-"""Largest spread (m, rad) that counts as rounding."""
 
 MOST_SAMPLES: Final = 10_000_000
 
@@ -549,3 +548,78 @@ def agreement_of(law: NumberLaw, rising: Array, confidence: float, std: float, e
     counts, edges = np.histogram(rising, bins=_BINS)
     band = math.sqrt(math.log(2 / (1 - confidence)) / (2 * count))
     return Agreement(count, distance, band, confidence, slack, edges, counts)
+
+
+_METHOD_HEADER: Final = ["", "method", "draws", "error of F", "distance", "band", "samples"]
+
+
+def table(result: ExactLawResult) -> str:
+    """Return mean, spread and quantiles of every component in mm and mrad, their accuracy, and the comparison."""
+    provenance = result.provenance
+    sizes = [
+        max((law.std or 0.0 for law in entry.laws.values() if law.quantity.startswith("position.")), default=0.0)
+        for entry in result.poses
+    ]
+    blocks = [answer_of([entry.pose for entry in result.poses], sizes, [*map(_answer, result.poses)])]
+    for entry in result.poses:
+        methods = method_rows(entry)
+        lines = [
+            subject(provenance, entry.pose),
+            f"exact law of the first-order model, statics {provenance.statics}; errors in base axes",
+            "",
+            *aligned(_quantile_rows(entry)),
+            "",
+            *aligned([_METHOD_HEADER, *methods] if methods else []),
+            *map(one_line, (*missing(entry.laws.values()), *entry.warnings)),
+        ]
+        blocks.append("\n".join(lines))
+    blocks.append(
+        f"compared with {result.samples:,} samples of the same model, seed {provenance.seed}: the Kolmogorov distance stays "
+        f"below the band at {100 * result.confidence:g} % confidence"
+    )
+    return "\n\n".join(blocks)
+
+
+def _answer(entry: PoseLaws) -> str:
+    """Return the ends between which 99.73 % of the robots lie, for each component of the position."""
+    parts = []
+    for law in entry.laws.values():
+        quantiles = law.shown_quantiles(12)
+        if law.quantity.startswith("position.") and not law.quantity.endswith("norm") and quantiles:
+            low, high = (f"{1e3 * quantiles[level][0]:.4g}" for level in (LEVELS_SHOWN[0], LEVELS_SHOWN[-1]))
+            parts.append(f"{symbol(law.quantity)} {low} to {high}")
+    return f"99.73 % of robots: {', '.join(parts)} mm" if parts else "no law is known"
+
+
+def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
+    rows = [["", "", "mean", "std", *(f"{100 * level:g} %" for level in LEVELS_SHOWN)]]
+    for law in entry.laws.values():
+        if law.mean is None or law.std is None:
+            continue
+        quantiles = law.shown_quantiles(12)
+        cells = [
+            _milli(quantiles[level][0], law.std, quantiles[level][1]) if quantiles else "-" for level in LEVELS_SHOWN
+        ]
+        name = law.quantity
+        rows.append([symbol(name), unit(name), _milli(law.mean, law.std), _milli(law.std, law.std), *cells])
+    return rows
+
+
+def method_rows(entry: PoseLaws) -> list[list[str]]:
+    """Return for each known law: symbol, method, draws, error of F, distance to the samples, band, agreement."""
+    rows = []
+    for law in entry.laws.values():
+        if law.law is None or law.agreement is None:
+            continue
+        compared = [f"{law.agreement.distance:.5f}", f"{law.agreement.band:.5f}", law.agreement.said]
+        words = [symbol(law.quantity), law.law.method, str(law.contributors), bound_text(law.error)]
+        rows.append([*words, *compared])
+    return rows
+
+
+def _milli(value: float, std: float, most: int = 12) -> str:
+    """Return the value in thousandths, to a millionth of the spread, to at least seven and at most ``most`` digits."""
+    if abs(value) <= ROUNDING:
+        return "0"
+    digits = 7 if std <= ROUNDING else min(12, max(7, math.ceil(math.log10(abs(value) / std) + 6)))
+    return f"{1e3 * value:.{min(digits, most)}g}"

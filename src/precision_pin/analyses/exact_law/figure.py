@@ -12,8 +12,14 @@ from matplotlib.figure import Figure
 
 from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.collect import MISSING, Results
-from precision_pin.analyses.exact_law.exact_law import LEVELS, LEVELS_SHOWN, ExactLaw, ExactLawResult, missing
-from precision_pin.analyses.exact_law.table import method_rows
+from precision_pin.analyses.exact_law.exact_law import (
+    LEVELS,
+    LEVELS_SHOWN,
+    ExactLaw,
+    ExactLawResult,
+    method_rows,
+    missing,
+)
 from precision_pin.base.errors import one_line
 from precision_pin.render.draw_distribution import BLUE, SKY, VERMILION, ticks
 from precision_pin.render.figure_style import (

@@ -14,9 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from precision_pin.analyses.budget.shares import source_lines
-from precision_pin.analyses.map.first_order import FirstOrder, first_order
+from precision_pin.analyses.map.first_order import (
+    FirstOrder,
+    first_order,
+    norm_probabilities,
+    norm_quantiles,
+    principal_axes,
+)
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, MapVerdict, Sampled, map_verdicts
-from precision_pin.analyses.map.normal_norms import norm_probabilities, norm_quantiles, principal_axes
 from precision_pin.analyses.provenance import Pose, Provenance, check_common
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_memory, check_path, check_whole

@@ -9,7 +9,7 @@ import numpy as np
 
 from precision_pin.analyses.map.map_poses import MapResult
 from precision_pin.analyses.map.map_verdicts import MapVerdict
-from precision_pin.analyses.monte_carlo.table import demanded
+from precision_pin.analyses.monte_carlo import demanded
 from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on
 from precision_pin.render.text_table import aligned

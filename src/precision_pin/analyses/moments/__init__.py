@@ -22,4 +22,5 @@ DECLARATION = Declaration(
         ),
     ),
     steps=f"{__name__}.moments:count_steps",
+    table_name="moments:table",
 )  # fmt: skip

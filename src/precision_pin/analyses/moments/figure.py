@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from precision_pin.analyses.collect import Results, shown
-from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
-from precision_pin.analyses.moments.table import moment_rows
+from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments, moment_rows
 from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
 from precision_pin.render.figure_style import inline_figure

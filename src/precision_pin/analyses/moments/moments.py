@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.moments.moments_control import STEP, Control, ErrorAround, Uncorrelated, thin
+from precision_pin.analyses.monte_carlo import answer_of, subject
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.replicates import REPLICATES, Marginals, jackknife, law_breaks
 from precision_pin.analyses.result import Result, list_warnings, name_pose
@@ -57,7 +58,8 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.render.html import Table
-from precision_pin.render.tables import data_frame, interval_columns, plus_minus, symbol, unit
+from precision_pin.render.tables import data_frame, interval_columns, milli, plus_minus, symbol, unit
+from precision_pin.render.text_table import aligned
 from precision_pin.sampling import Progress
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Plan
 
@@ -634,3 +636,42 @@ def _closed_moments(at: PoseModel) -> tuple[Array, Array, Remainder]:
     last += crossed + crossed.T
     last = (last + last.T) / 2
     return middle + curved + last_mean, at.covariance + last, Remainder(4, last_mean, last)
+
+
+def table(result: MomentsResult) -> str:
+    """Return mean, bias and standard deviation of every quantity at every pose, mm and mrad, beside the first order."""
+    sizes = [float(np.linalg.norm(pose.first_order_std[:3])) for pose in result.poses]
+    blocks = [answer_of([pose.pose for pose in result.poses], sizes, [*map(_answer, result.poses)])]
+    for pose in result.poses:
+        # the ratio says the standard deviation of the first order
+        rows = [[*cells, ratio] for *cells, _, ratio in moment_rows(pose)]
+        how = f"{result.how}; statics {result.provenance.statics}; errors in base axes"
+        table = aligned([["", "", "mean", "bias", "std", "/ first order"], *rows])
+        blocks.append("\n".join([subject(result.provenance, pose.pose), how, "", *table]))
+    blocks.append("bias: mean of the exact model less that of the first order; / first order: ratio of the stds")
+    return "\n\n".join(blocks)
+
+
+def _answer(pose: PoseMoments) -> str:
+    parts = []
+    for row in NORMS:
+        quantity, (mean, std) = QUANTITIES[row], map(cell, entries(pose, row))
+        parts.append(f"{symbol(quantity)} mean {mean} {unit(quantity)}, std {std} {unit(quantity)}")
+    return "; ".join(parts)
+
+
+def moment_rows(pose: PoseMoments) -> list[list[str]]:
+    """Return for each quantity: symbol, unit, mean, bias, std, first-order std and the ratio of both."""
+    rows = []
+    for row, quantity in enumerate(QUANTITIES):
+        mean, std = entries(pose, row)
+        bias, first, ratio = "-", "-", "-"
+        if row in COMPONENTS:
+            index = COMPONENTS.index(row)
+            half = 0.0 if pose.bias.half_width is None else float(pose.bias.half_width[index])
+            bias = plus_minus(1e3 * float(pose.bias.value[index]), 1e3 * half, decimals=9)
+            spread = float(pose.first_order_std[index])
+            first = milli(spread)
+            ratio = "-" if std is None or not spread else f"{std[0] / spread:.6g}"
+        rows.append([symbol(quantity), unit(quantity), cell(mean), bias, cell(std), first, ratio])
+    return rows

@@ -1,1 +1,346 @@
 """Tables, verdict and report section of the sampled law."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from precision_pin.base.errors import shown, visible
+from precision_pin.model.pose_model import origin_shares
+from precision_pin.render.tables import ROUNDING, absolute, joint_text, plain, pose_labels, resting_on, symbol, unit
+from precision_pin.render.text_table import aligned
+from precision_pin.robot.mcpc import Mcpc
+from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
+from precision_pin.sampling.result import Correlated, MonteCarloResult
+from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
+from precision_pin.statistics.digits import format_interval
+from precision_pin.statistics.distribution import CONTENTS
+
+if TYPE_CHECKING:
+    from precision_pin.analyses.provenance import PoseLabel, Provenance
+
+
+NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
+"""Reason why there is nothing to judge."""
+
+_LARGE_ANGLE: Final = 0.1
+
+_BRIEF: Final = ("mean", "std", 0.5, 0.95, 0.99, 0.9973)
+_COLUMNS: Final = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
+
+
+def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str:
+    """Return the table of an analysis: error statistics in mm and mrad, with the answer first and last.
+
+    Only the digits that the sampling supports are printed; min and max are the smallest and largest seen.
+    """
+    return "\n".join([*(_whole(analysis) if is_whole else _brief(analysis)), *_answer(analysis)])
+
+
+def _brief(analysis: MonteCarloResult) -> list[str]:
+    cells = _statistics(analysis, _BRIEF)
+    others = "--all: extremes, mode, tolerance bounds, error at the means" + ", correlations" * bool(
+        analysis.correlations
+    )
+    unresolved = "; - not resolved" * any("-" in row for row in cells)
+    return [
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose "
+        + pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach, is_named=False),
+        *_relative(analysis, is_named=False),
+        f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}, "
+        f"base axes, {analysis.summary.confidence:.0%} confidence",
+        f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
+        *map(_verdict, analysis.summary.specifications),
+        "",
+        *aligned(cells),
+        "",
+        f"{others}{unresolved}",
+        *resting_on(analysis.assumed, analysis.sources, analysis.origins, is_brief=True),
+    ]
+
+
+def _answer(analysis: MonteCarloResult) -> list[str]:
+    """Return the last lines of the table: each verdict, or the sizes that most robots keep."""
+    given = analysis.summary.specifications
+    if not given:
+        return [f"95 % of robots within {_within(analysis, 0.95)}"]
+    return [verdict_line(demanded(one), one, "{share} % inside") for one in given]
+
+
+def _whole(analysis: MonteCarloResult) -> list[str]:
+    pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
+    lines = [
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
+        *_relative(analysis),
+        f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
+        "errors in base axes, intervals and digits at "
+        f"{analysis.summary.confidence:.0%} confidence",
+        "",
+        f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
+        *map(_verdict, analysis.summary.specifications),
+        "",
+        *aligned(_statistics(analysis, _COLUMNS)),
+        "",
+        "tolerance bounds: so many of all robots lie between them, of |d| and |δ| below, "
+        f"{analysis.summary.confidence:.0%} sure",
+        *aligned(_rows(analysis, [f"{100 * content:.4g} % of robots" for content in CONTENTS], _bounds)),
+        "",
+        "min and max are the smallest and largest seen, not bounds; - is not resolved by this many samples",
+        f"mode: peak of the histogram smoothed by {_bandwidths(analysis)}",
+        "error with every parameter at its mean: "
+        f"d = ({', '.join(map(_thousandfold, analysis.nominal[:3]))}) mm, "
+        f"δ = ({', '.join(map(_thousandfold, analysis.nominal[3:]))}) mrad",
+    ]
+    lines += [line for group in analysis.correlations for line in _pairs(group)]
+    return [*lines, *resting_on(analysis.assumed, analysis.sources, analysis.origins)]
+
+
+def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]:
+    other = analysis.relative_to
+    if other is None:
+        return []
+    where = pose_text(other.name, other.q, analysis.sliding_joints, other.approach, is_named=is_named)
+    return [f"relative to the same robots at pose {where}"]
+
+
+def _within(analysis: MonteCarloResult, level: float) -> str:
+    """Return |d| and |δ| within which a fraction of the robots stays, with units."""
+    norms = (analysis.position.norm, analysis.attitude.norm)
+    return ", ".join(f"{symbol(norm.quantity)} {statistic(norm, level)} {unit(norm.quantity)}" for norm in norms)
+
+
+def pose_text(
+    name: str,
+    q: Mapping[str, float],
+    sliding_joints: Collection[str],
+    approach: Mapping[str, str],
+    *,
+    is_named: bool = True,
+) -> str:
+    """Return a pose's name and joint values, in degrees and mm, with the joints' last directions of motion if known."""
+    values = joint_text(
+        {visible(joint): value for joint, value in q.items()},
+        [*map(visible, sliding_joints)],
+        {visible(joint): sign for joint, sign in approach.items()},
+        is_named=is_named,
+    )
+    return f"{shown(name)} ({values})" if name else f"({values})"
+
+
+def subject(provenance: Provenance, pose: PoseLabel) -> str:
+    """Return the arm, the ends of its chain and the pose of a result."""
+    where = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
+    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
+
+
+def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Sequence[str]) -> str:
+    """Return the sentence for the pose with the largest size, with its name if there are several."""
+    worst = max(range(len(sizes)), key=sizes.__getitem__)
+    if len(labels) == 1:
+        return sentences[worst]
+    name = shown(labels[worst].name) if labels[worst].name else str(worst + 1)
+    return f"worst pose, {name}: {sentences[worst]}"
+
+
+def _statistics(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:
+    head = [column if isinstance(column, str) else f"{100 * column:.4g} %" for column in columns]
+    return _rows(analysis, head, lambda part: [statistic(part, column) for column in columns])
+
+
+def _rows(analysis: MonteCarloResult, head: list[str], cells: Callable[[Distribution], list[str]]) -> list[list[str]]:
+    vectors = (analysis.position, analysis.attitude)
+    parts = [part for vector in vectors for part in (vector.norm, vector.x, vector.y, vector.z)]
+    return [["", "", *head], *([symbol(part.quantity), unit(part.quantity), *cells(part)] for part in parts)]
+
+
+def _bounds(part: Distribution) -> list[str]:
+    return [tolerance_bounds(part, content) for content in CONTENTS]
+
+
+def statistic(distribution: Distribution, which: str | float) -> str:
+    """Return a statistic (``mean``, ``std``, …, or a quantile's level) in mm or mrad; ``-`` where not resolved."""
+    value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
+    interval = distribution.interval(which)
+    if value is None or interval is None:
+        return "-"
+    # where few robots have an error, that of the others is rounding
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING or max(map(abs, (value, *interval))) < ROUNDING:
+        return "0"
+    return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
+
+
+def tolerance_bounds(distribution: Distribution, content: float) -> str:
+    """Return the bounds of a fraction of all units in mm or mrad, rounded outwards; ``-`` where not resolved."""
+    bounds = distribution.tolerance_bounds(content)
+    if bounds is None:
+        return "-"
+    if max(abs(distribution.min), abs(distribution.max)) < ROUNDING:
+        return "0"
+    # to a hundredth of the spread, or five digits if there is none
+    size = distribution.std or abs(bounds[1]) / 1000 or 1.0
+    place = Decimal(1).scaleb(Decimal(1e3 * size).adjusted() - 2)
+    low, high = (
+        (Decimal(1000) * Decimal(end)).quantize(place, way)
+        for end, way in zip(bounds, (ROUND_FLOOR, ROUND_CEILING), strict=True)
+    )
+    return f"{high + 0:f}" if distribution.is_norm else f"{low + 0:f} to {high + 0:f}"
+
+
+def _pairs(group: Correlated) -> list[str]:
+    names = [visible(name) for name in group.parameters]
+    return [
+        f"correlation of {names[i]} and {names[j]}: {group.scores[i][j]:.4g} of the normal scores, "
+        f"{group.pearson[i][j]:.4g} of the numbers (Pearson)"
+        for i, j in itertools.combinations(range(len(names)), 2)
+    ]
+
+
+def _bandwidths(analysis: MonteCarloResult) -> str:
+    parts = []
+    for norm in (analysis.position.norm, analysis.attitude.norm):
+        width = norm.mode_bandwidth
+        parts.append(f"{symbol(norm.quantity)} {'-' if width is None else f'{1e3 * width:.2g} {unit(norm.quantity)}'}")
+    return ", ".join(parts)
+
+
+def demanded(specification: Specification | SpecificationResult) -> str:
+    """Return a specification as text, such as ``|d| within 0.5 mm for 95 %``; a large angle in degrees too."""
+    of, limit = specification.quantity, specification.limit
+    degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
+    return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
+
+
+def verdict_line(demand: str, result: SpecificationResult, samples: str) -> str:
+    """Return a demand with its verdict and the samples' result, a text with ``{share}``, ``{low}`` and ``{high}``."""
+    line = f"{demand}: {result.said}"
+    if result.verdict == "not judged":
+        return line
+    if result.verdict == "nothing to judge":
+        return f"{line} - {NOTHING_VARIES}"
+    share, low, high = format_share(result.probability, result.interval, result.required)
+    return f"{line} - {samples.format(share=share, low=low, high=high)}"
+
+
+def _verdict(result: SpecificationResult) -> str:
+    index = f", Cpk {result.cpk:.2f}" if math.isfinite(result.cpk) else ""
+    more = ": more samples decide it" if result.verdict == "undecided" else ""
+    samples = f"{{share}} % inside, interval {{low}} to {{high}} %{index}{more}"
+    return verdict_line(f"spec {demanded(result)}", result, samples)
+
+
+def mcpc_table(mcpc: Mcpc) -> str:
+    """Return the MCPC parameters in the layout of the paper's Table 1, in degrees and mm."""
+    rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
+    for row in mcpc.table:
+        gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
+        z = "" if row.z is None else plain(1e3 * row.z)
+        turns = [plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
+        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
+        rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
+    return "\n".join(aligned(rows))
+
+
+def _thousandfold(value: float) -> str:
+    return f"{1e3 * value if abs(value) > ROUNDING else 0.0:.4g}"
+
+
+_MOST_ROWS: Final = 8
+"""Number of poses up to which all are listed."""
+_WORST_ROWS: Final = 6
+"""Number of poses listed otherwise, worst first."""
+
+
+def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
+    """Return a designer's summary of several poses, worst pose and verdicts, then a row for each pose."""
+    listed = list(range(result.poses))
+    if result.poses > _MOST_ROWS and not is_whole:
+        listed = result.worst_first[:_WORST_ROWS]
+    left_out = result.poses - len(listed)
+    specifications = result.specification_results
+    model = result.error_model
+    shares = origin_shares(model.origins, next(model.at_columns(result.q[:, [0]])))
+    lines = [
+        f"{visible(result.robot)}: {visible(result.base)} to {visible(result.tip)}, {result.poses:,} poses with the same robots",
+        f"{result.samples:,} samples at each, seed {result.seed}, {result.model} model, statics {result.statics}, "
+        f"{result.confidence:.0%} confidence",
+        _worst(result),
+        *(_poses_verdict(result, specification) for specification in specifications),
+        "",
+        *aligned(_pose_rows(result, listed, is_whole)),
+        *([f"and {left_out:,} more poses: --all"] if left_out else []),
+        "",
+        "quantiles of |d| in mm, shares inside each spec; - is not resolved",
+        *resting_on(model.assumed, len(model.sources), shares, pose_labels(result.names)[0], is_brief=not is_whole),
+        *([_poses_verdict(result, one, is_brief=True) for one in specifications] or [_worst(result)]),
+    ]
+    return "\n".join(lines)
+
+
+def _worst(result: PosesResult) -> str:
+    within = ", ".join(f"{100 * level:.4g} % of robots within |d| {_pose_quantile(result, rank, result.worst_pose)[0]} mm"
+                       for rank, level in enumerate(LEVELS[1:], start=1))  # fmt: skip
+    return f"worst {_pose_name(result, result.worst_pose)}: {within}"
+
+
+def _pose_name(result: PosesResult, pose: int) -> str:
+    name = result.names[pose]
+    return f"pose {shown(name)}" if name else pose_labels(result.names)[pose]
+
+
+def _poses_verdict(result: PosesResult, specification: PosesSpecification, *, is_brief: bool = False) -> str:
+    worst = specification.results[specification.worst]
+    pose = _pose_name(result, specification.worst)
+    demand = f"{'' if is_brief else 'spec '}{demanded(worst)} at every pose: {specification.said}"
+    if specification.verdict == "not judged":
+        return demand
+    if specification.verdict == "nothing to judge" and worst.verdict == specification.verdict:
+        return f"{demand} - {pose}: {NOTHING_VARIES}"
+    share, low, high = format_share(worst.probability, worst.interval, worst.required)
+    if is_brief:
+        return f"{demand} - worst {pose}, {share} % inside"
+    kept = sum(of.met for of in specification.results)
+    together = ""
+    if specification.everywhere is not None:
+        of_all = specification.everywhere
+        kept_share, *ends = format_share(of_all.probability, of_all.interval, of_all.required)
+        together = f"; {kept_share} % of robots keep it at all poses, interval {ends[0]} to {ends[1]} %"
+    more = ": more samples decide it" if specification.verdict == "undecided" else ""
+    return (
+        f"{demand} - worst {pose}, {share} % inside, interval {low} to {high} %; "
+        f"met at {kept:,} of {len(specification.results):,} poses{together}{more}"
+    )
+
+
+def _pose_rows(result: PosesResult, listed: Sequence[int], has_intervals: bool) -> list[list[str]]:
+    """Return the heading and a row for each pose; the median's interval is left out to fit a terminal."""
+    levels = range(len(LEVELS))
+    rows, labels = [["pose", "median"]], pose_labels(result.names)
+    for level in LEVELS[1:]:
+        rows[0] += [f"{100 * level:.4g} %", *["interval"] * has_intervals]
+    rows[0] += [f"spec {rank}" for rank in range(1, len(result.specifications) + 1)]
+    for pose in listed:
+        (median, _), *others = (_pose_quantile(result, rank, pose) for rank in levels)
+        judged = [specification.results[pose] for specification in result.specification_results]
+        shares = [
+            f"{format_share(of.probability, of.interval, of.required)[0]} %{'' if of.met else f' {of.verdict}'}"
+            for of in judged
+        ]
+        worst = " (worst)" if pose == result.worst_pose else ""
+        quantiles = [cell for pair in others for cell in pair[: 1 + has_intervals]]
+        rows.append([labels[pose] + worst, median, *quantiles, *shares])
+    return rows
+
+
+def _pose_quantile(result: PosesResult, rank: int, pose: int) -> tuple[str, str]:
+    value, (low, high) = float(result.quantile[rank, 0, pose]), result.quantile_interval[rank, 0, :, pose].tolist()
+    if np.isnan(value):
+        return "-", "-"
+    if high < ROUNDING:
+        return "0", "[0, 0]"
+    below, above = format_interval(low, high, 1e3)
+    return format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5), f"[{below}, {above}]"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.monte_carlo.table import demanded, verdict_line
+from precision_pin.analyses.monte_carlo import demanded, verdict_line
 from precision_pin.analyses.path.path_law import PathResult
 from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol

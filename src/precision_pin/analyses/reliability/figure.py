@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from precision_pin.analyses.causes import sum_by_cause
-from precision_pin.analyses.collect import Results
-from precision_pin.analyses.monte_carlo.table import demanded
+from precision_pin.analyses.collect import Results, sum_by_cause
+from precision_pin.analyses.monte_carlo import demanded
 from precision_pin.analyses.reliability.estimates import in_words
 from precision_pin.analyses.reliability.reliability import ReliabilityResult, SpecificationReliability
 from precision_pin.base.errors import InputError

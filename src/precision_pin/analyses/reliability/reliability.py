@@ -14,9 +14,8 @@ import numpy as np
 
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.reliability.estimates import Estimate, in_words, plain_estimate
-from precision_pin.analyses.reliability.form import DesignPoint
-from precision_pin.analyses.reliability.rare_events import RareEvents, rare_events
-from precision_pin.analyses.reliability.strata import Stratum
+from precision_pin.analyses.reliability.form import DesignPoint, Stratum
+from precision_pin.analyses.reliability.importance import RareEvents, rare_events
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end

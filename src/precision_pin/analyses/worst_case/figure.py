@@ -9,8 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.analyses.causes import sum_by_cause
-from precision_pin.analyses.collect import Results, milli_interval, statistic
+from precision_pin.analyses.collect import Results, milli_interval, statistic, sum_by_cause
 from precision_pin.analyses.worst_case.table import listed_contributions
 from precision_pin.analyses.worst_case.worst_case import (
     SEEN_LEVEL,

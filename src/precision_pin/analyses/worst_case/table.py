@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.exact_law.exact_law import bound_text
-from precision_pin.analyses.monte_carlo.table import answer_of, statistic, subject
+from precision_pin.analyses.monte_carlo import answer_of, statistic, subject
 from precision_pin.analyses.worst_case.worst_case import (
     SEEN_LEVEL,
     NormBound,

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
-from precision_pin.analyses.causes import CauseShare, rank_causes
-from precision_pin.analyses.collect import MISSING, Results, milli_interval, percent, statistic
+from precision_pin.analyses.collect import MISSING, CauseShare, Results, milli_interval, percent, rank_causes, statistic
 from precision_pin.analyses.monte_carlo.section import describe_verdict, specifications, verdict
 from precision_pin.base.arrays import Array
 from precision_pin.pages.view.drawing import Cloud, draw_picture

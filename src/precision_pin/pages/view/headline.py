@@ -8,7 +8,7 @@ from typing import Final, final
 
 import numpy as np
 
-from precision_pin.analyses.monte_carlo.table import NOTHING_VARIES
+from precision_pin.analyses.monte_carlo import NOTHING_VARIES
 from precision_pin.base.arrays import Array
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.display_units import WrittenUnit
