@@ -166,7 +166,7 @@ def test_a_declaration_names_what_there_is(name: str) -> None:
     kind = load(one.result)
     assert kind.schema.startswith("precision-pin/")
     assert (one.prepare is None) == bool(one.heading) == issubclass(kind, Result)
-    for place in ["figure:content", "figure:draw", "table:table", "figure:figure"] * bool(one.heading):
+    for place in ["figure:content", "figure:draw", "figure:figure"] * bool(one.heading):
         assert callable(load(f"{one.outputs}.{place}"))
     for place in (one.steps, *(option.check for option in one.own_options)):
         assert not place or callable(load(place))

@@ -140,8 +140,8 @@ class Declaration(NamedTuple):
     """Declaration of an analysis.
 
     The folder of the function has the modules ``table`` (but see ``table_name``) and ``figure``: ``table.table(result,
-    …)`` returns text, ``figure.figure(result, k)`` the figure of pose k, ``figure.content(result, results)`` the parts of the report's
-    section, and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
+    …)`` returns text, ``figure.figure(result, k)`` the figure of pose k, ``figure.content(result, results)`` the parts of
+    the report's section, and ``figure.draw(axes, result, k, quantity)`` draws one panel of the figure.
 
     Attributes:
         name: Name of the command, also in files and in the schema of the JSON.
