@@ -326,14 +326,7 @@ def test_more_correlated_draws_than_can_be_shared():
     json.loads(pp.budget(model, [0.0, 0.0], samples=FEW).to_json())
 
 
-COVARIANCE = np.array(
-    [
-        [4.0, 1.2, -0.5, 0.3],
-        [1.2, 1.0, 0.2, 0.0],
-        [-0.5, 0.2, 2.0, 0.9],
-        [0.3, 0.0, 0.9, 3.0],
-    ]
-)
+COVARIANCE = np.array([[4.0, 1.2, -0.5, 0.3], [1.2, 1.0, 0.2, 0.0], [-0.5, 0.2, 2.0, 0.9], [0.3, 0.0, 0.9, 3.0]])
 
 
 SLOPES = np.array([[1.0, -2.0, 0.5, 1.5], [0.0, 3.0, 1.0, -1.0]])

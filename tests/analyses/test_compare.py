@@ -84,10 +84,7 @@ PAIRS = {
     "rare, 0.3 %": half_normal_with_a_rare_step(0.003),
     "rare, at the quantile": half_normal_with_a_rare_step(0.052),
     "two values": (two_values, lambda level: float(level > 0.948)),
-    "lognormal of variation 1": (
-        lognormals,
-        lambda level: 0.1 * np.exp(np.sqrt(np.log(2)) * stats.norm.ppf(level)),
-    ),
+    "lognormal of variation 1": (lognormals, lambda level: 0.1 * np.exp(np.sqrt(np.log(2)) * stats.norm.ppf(level))),
 }
 
 

@@ -29,11 +29,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
-from precision_pin.draws.laws.lognormal import (
-    LOGNORMAL_ERROR,
-    lognormal_characteristic,
-    lognormal_envelope,
-)
+from precision_pin.draws.laws.lognormal import LOGNORMAL_ERROR, lognormal_characteristic, lognormal_envelope
 from precision_pin.draws.laws.projection import Lines, Projection
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel

@@ -54,11 +54,7 @@ CASES: dict[str, tuple[tuple[Law, ...], Callable[[float], float], float]] = {
     "rare, 1 %": ((rare(0.01, 2.0),), lambda x: 1.0 if x >= 2 else 0.99 if x >= 0 else 0.0, 1.0),
     "normal, and rare": ((Normal(UNIT), rare(0.01, 8.0)), with_a_rare_step, 4.0),
     "lognormal of variation 1": ((Lognormal(UNIT, UNIT),), lognormal, 6.0),
-    "two values": (
-        (TwoPoint(0.5 * UNIT, UNIT, 0.06),),
-        lambda x: 1.0 if x >= 1.5 else 0.94 if x >= 0.5 else 0.0,
-        1.0,
-    ),
+    "two values": ((TwoPoint(0.5 * UNIT, UNIT, 0.06),), lambda x: 1.0 if x >= 1.5 else 0.94 if x >= 0.5 else 0.0, 1.0),
 }
 
 

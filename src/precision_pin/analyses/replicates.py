@@ -35,7 +35,6 @@ from precision_pin.statistics.intervals import studentised
 REPLICATES: Final = 32
 """Number of independent runs, or scrambles of a net."""
 
-_WIDENING: Final = 1.1
 # relative spread below which the skewness of the replicates is rounding noise
 _ROUNDING: Final = 1e-14
 
@@ -108,7 +107,7 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
     small = np.abs(skewness) / math.sqrt(REPLICATES)
     ends = [studentised(side * student, small) for side in (-1, 1)]
     reach = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
-    return _WIDENING * reach * spread * math.sqrt(1 / (REPLICATES - 1))
+    return 1.1 * reach * spread * math.sqrt(1 / (REPLICATES - 1))
 
 
 MOST_SKEWNESS: Final = 0.6
@@ -123,8 +122,6 @@ _STEP: Final = 2
 # expected number of samples below which a region may be without any
 _FEW: Final = 3.0
 
-# laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many
-_MOST_BREAKS: Final = 200
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
@@ -133,7 +130,8 @@ def law_breaks(space: Space) -> list[tuple[float, ...]]:
     result: list[tuple[float, ...]] = []
     for draw in space.draws:
         breaks = tuple(draw.law.breaks) if draw.law.size == 1 else ()
-        result += [breaks if len(breaks) <= _MOST_BREAKS else ()] * draw.law.size
+        # laws with more breaks, such as large tables, are treated as smooth: the nodes would be too many
+        result += [breaks if len(breaks) <= 200 else ()] * draw.law.size
     return result
 
 

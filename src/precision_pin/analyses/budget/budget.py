@@ -70,8 +70,6 @@ from precision_pin.statistics.plan import QUANTITY_WORDS
 MARKED: Final = 0.95
 """Probability of the quantile for which the effect of a halved tolerance is given."""
 
-NONLINEAR: Final = 0.01
-"""Difference of a share between closed form and sampling, beyond the interval, above which it counts as nonlinear."""
 
 NORMS: Final = tuple(QUANTITIES[row] for row in NORM_ROWS)
 
@@ -199,7 +197,9 @@ def _differs(closed: float | None, first: Estimate | None, total: Estimate | Non
     if first is None or total is None:
         return False
     shares = 0.0 if closed is None else closed
-    return any(abs(index.value - shares) > NONLINEAR + index.half_width for index in (first, total))
+    # difference of a share between closed form and sampling, beyond the interval, above which it counts as
+    # nonlinear
+    return any(abs(index.value - shares) > 0.01 + index.half_width for index in (first, total))
 
 
 def _by_quantity(estimates: Estimates) -> dict[str, Estimate | None]:
@@ -217,9 +217,6 @@ def _estimates(estimates: Estimates) -> list[Estimate | None]:
 
 MOST_NUMBERS: Final = 3e11
 """Largest number of random numbers in a budget."""
-
-NUMBERS_A_MINUTE: Final = 6e9
-"""Approximate speed of a common computer."""
 
 
 @warns_at_end
@@ -294,7 +291,8 @@ def _check_cost(space: Space, samples: int) -> None:
     if evaluations * size > MOST_NUMBERS:
         raise InputError(
             f"a budget of {draws:,} draws evaluates the model {evaluations:.2g} times, each time with {size:,} numbers: "
-            f"{evaluations * size:.1g} numbers in all, some {evaluations * size / NUMBERS_A_MINUTE:,.0f} min, at most "
+            # approximate speed of a common computer
+            f"{evaluations * size:.1g} numbers in all, some {evaluations * size / 6e9:,.0f} min, at most "
             f"{MOST_NUMBERS:.0g} are allowed; ask for fewer samples or merge draws"
         )
     check_memory(64.0 * size * samples, f"a budget of {size:,} numbers", "ask for fewer samples")
@@ -512,12 +510,6 @@ def _split(values: Array) -> Array:
     return values.reshape(values.shape[0], REPLICATES, -1)
 
 
-LARGEST_STEP: Final = 0.1
-"""Largest allowed effect of a jump between neighbours on a quantile, relative to its half-width."""
-
-JUMP: Final = 12.0
-"""Ratio of a neighbour distance to the mean that counts as a jump; smooth laws exceed it six times in a million."""
-
 _NEGLIGIBLE: Final = 1e-12
 _NEAR: Final = 0.02
 
@@ -548,7 +540,8 @@ class Quantiles:
         """Return values with intervals, NaN at jumps and gaps."""
         half = half_widths(self.pseudo, confidence) + np.abs(self.pseudo.mean(axis=0) - self.value) + unseen
         rounding = 1e-14 * np.abs(self.steps).sum(axis=1)
-        smooth = (np.abs(self.steps) * self.jumps).max(axis=1) <= LARGEST_STEP * half + rounding
+        # largest allowed effect of a jump between neighbours on a quantile, relative to its half-width
+        smooth = (np.abs(self.steps) * self.jumps).max(axis=1) <= 0.1 * half + rounding
         return Estimates(self.value, half, self.pseudo.var(axis=0, ddof=1)).where(smooth)
 
 
@@ -587,7 +580,9 @@ def found_quantiles(samples: Array, probability: float) -> Quantiles:
         np.array([row[0] for row in rows]),
         np.array([row[1] for row in rows]).T,
         distances * pulls,
-        distances > JUMP * usual,
+        # ratio of a neighbour distance to the mean that counts as a jump; smooth laws exceed it six times in
+        # a million
+        distances > 12.0 * usual,
     )
 
 

@@ -144,7 +144,6 @@ def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Shares]]) -> 
 
 
 MOST_BARS: Final = 12
-MOST_CHARACTERS: Final = 48
 
 
 @final
@@ -233,7 +232,7 @@ def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
     for row, bar in enumerate(shown):
         text = "  ".join(part for part in (f"{lengths[row]:.3g} %", bar.tolerance) if part)
         axes.text(max(lengths[row], ends[row]) + 0.012 * longest, row, _shown(text), va="center", fontsize=7)
-    axes.set_yticks(range(len(shown)), [shortened(_shown(bar.name), MOST_CHARACTERS) for bar in shown])
+    axes.set_yticks(range(len(shown)), [shortened(_shown(bar.name), 48) for bar in shown])
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(max(len(shown), 1) - 0.4, -0.6)
     axes.set_xlim(min(0.0, *lengths, 0.0), 1.4 * longest)

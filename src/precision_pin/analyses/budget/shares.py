@@ -35,9 +35,6 @@ ROUNDING: Final = 1e-14
 
 COMPONENTS: Final = tuple(QUANTITIES[row] for row in COMPONENT_ROWS)
 
-UNCORRELATED: Final = 1e-12
-"""Largest correlation that counts as rounding."""
-
 
 def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
     """Return the indices of the draws in mutually independent groups, in column order."""
@@ -45,7 +42,8 @@ def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
     group_of = list(range(len(space.draws)))
     for columns, matrix in space.block_covariance.blocks:
         scale = np.sqrt(np.diag(matrix))
-        linked = np.abs(matrix) > UNCORRELATED * np.outer(scale, scale)
+        # largest correlation that counts as rounding
+        linked = np.abs(matrix) > 1e-12 * np.outer(scale, scale)
         for row, column in np.argwhere(np.triu(linked, 1)).tolist():
             joined = sorted({group_of[draw_of[columns[row]]], group_of[draw_of[columns[column]]]})
             for k in draw_of[columns].tolist() if len(joined) > 1 else ():
@@ -311,12 +309,6 @@ def source_shares(
 MOST_PLAYERS: Final = 12
 """Largest number of players: all 2^n coalitions are evaluated."""
 
-DEPENDENT: Final = 1e-12
-"""Eigenvalues of a correlation matrix below this belong to linearly dependent numbers."""
-
-# relative deviation of a number given those before it, above which no eigenvalue can be that small
-_INDEPENDENT: Final = 1e-4
-
 
 def shapley_values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> Array:
     """Return the exact Shapley value of each player, ``(n, …)``, from all coalitions; they sum to v(all) - v(none).
@@ -366,10 +358,12 @@ def explained(slopes: Array, covariance: Array, known: Sequence[int]) -> Array:
         factor = np.linalg.cholesky(correlation)
     except np.linalg.LinAlgError:
         factor = np.zeros((1, 1))
-    if factor.diagonal().min() > _INDEPENDENT:
+    # relative deviation of a number given those before it, above which no eigenvalue can be that small
+    if factor.diagonal().min() > 1e-4:
         half = np.linalg.solve(factor, cross.T)  # a tenth of the time of the pseudo-inverse
         return np.asarray(half.T @ half)
-    inverse = np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
+    # eigenvalues of a correlation matrix below this belong to linearly dependent numbers
+    inverse = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True)
     return cross @ inverse @ cross.T
 
 

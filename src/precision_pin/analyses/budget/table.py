@@ -23,7 +23,6 @@ from precision_pin.base.errors import shortened
 from precision_pin.render.tables import percent, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned
 
-MOST_LINES: Final = 10
 MOST_OF_NAME: Final = 40
 
 
@@ -39,7 +38,7 @@ def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: boo
     """
     quantities = check_quantities(quantities or VECTORS)
     lines = [*_answer(result, quantities), ""]
-    most = sys.maxsize if is_whole else MOST_LINES
+    most = sys.maxsize if is_whole else 10
     for pose in result.poses:
         lines += _heads(result, pose)
         for quantity in quantities:

@@ -523,8 +523,6 @@ def _variances(model: ErrorModel, q: Array) -> Mapping[str, float]:
 
 
 _SHOWN: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
-_MOST_CAUSES: Final = 8
-_MOST_DIFFERENCES: Final = 20
 _MOST_LETTERS: Final = 30
 
 
@@ -546,7 +544,7 @@ def comparison_table(result: ComparisonResult) -> str:
         lines += ["", f"{shown(name)}{other}"]
         rows = [
             [f"  {shortened(visible(one.path), 50)}", _written(one.before), "->", _written(one.after)]
-            for one in changes[:_MOST_DIFFERENCES]
+            for one in changes[:20]
         ]
         lines += aligned(rows) if rows else []
         more = len(changes) - len(rows)
@@ -611,7 +609,7 @@ def _causes(result: ComparisonResult, pose: PoseComparison) -> list[str]:
     """Return the largest lines of sources, by their largest contribution to the variance in any model."""
     names = dict.fromkeys(name for variance in pose.variances for name in variance)
     largest = {name: max(variance.get(name, 0.0) for variance in pose.variances) for name in names}
-    listed = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0][:_MOST_CAUSES]
+    listed = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0][:8]
     head = ["variance of the position, mm²", *(shortened(visible(name), _MOST_LETTERS) for name in result.names)]
     rows = [
         [shortened(visible(name), _MOST_LETTERS), *(_variance(variance.get(name)) for variance in pose.variances)]

@@ -57,7 +57,6 @@ LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973, 0.99865)
 
 LEVELS_SHOWN: Final = (0.00135, 0.05, 0.5, 0.95, 0.9973, 0.99865)
 """Quantiles of the tables; the notebook has no room for the last."""
-_CURVE: Final = 241
 
 
 @final
@@ -128,7 +127,7 @@ class ExactLaw:
             return np.zeros(0), np.zeros(0), np.zeros(0)
         low = max(self.mean - 4.5 * self.std, self.law.low)
         high = min(self.mean + 4.5 * self.std, self.law.high)
-        x = np.linspace(low, high, _CURVE)
+        x = np.linspace(low, high, 241)
         return x, self.law.density(x), self.law.cumulative(x)
 
     def shown_quantiles(self, digits: int) -> dict[float, tuple[float, int]]:
@@ -272,11 +271,6 @@ LARGEST_ERROR: Final = 1e-6
 
 MOST_SAMPLES: Final = 10_000_000
 
-COMPARED: Final = 10_000
-"""Number of samples that are also evaluated with the exact model."""
-
-CERTAIN: Final = 1 - 1e-6
-"""Confidence at which a deviation of the exact model from the law is reported."""
 
 # samples drawn between two steps of the progress
 _AT_ONCE: Final = 2**16
@@ -366,7 +360,8 @@ def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence:
         else:
             laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
             row += 1
-    warnings = (*map(str, turnover_findings(at)), *_find_nonlinear(at, laws, deviations[:, :COMPARED]))
+    # number of samples that are also evaluated with the exact model
+    warnings = (*map(str, turnover_findings(at)), *_find_nonlinear(at, laws, deviations[:, :10_000]))
     add(warnings)
     return PoseLaws(PoseLabel.of(error_model, pose, at), laws, warnings)
 
@@ -380,7 +375,8 @@ def _find_nonlinear(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array)
     lines = []
     for values, (name, law) in zip(quantity_values(errors), laws.items(), strict=True):
         if law.law is not None and law.std is not None:
-            agreement = agreement_of(law.law, np.sort(values), CERTAIN, law.std, _EFFORT / 10)
+            # confidence at which a deviation of the exact model from the law is reported
+            agreement = agreement_of(law.law, np.sort(values), 1 - 1e-6, law.std, _EFFORT / 10)
             if not agreement.agrees:
                 lines.append(
                     f"{symbol(name)}: {values.size:,} samples of the exact model lie {agreement.distance:.2g} from this law, "

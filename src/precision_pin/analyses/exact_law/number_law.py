@@ -464,7 +464,6 @@ ERROR: Final = 1e-12
 """Error of the cumulative law, ten times the largest change at the last doubling of the nodes."""
 
 _NODES: Final = 48
-_MOST_NODES: Final = 768
 _AT_ONCE: Final = 4_000_000
 _FLAT: Final = 1e-9
 
@@ -549,7 +548,7 @@ class NormalNorm(Fixed, NumberLaw):
         nodes = _NODES
         values = at(radii, nodes)
         open_ones = np.arange(radii.size)
-        while open_ones.size and nodes < _MOST_NODES and stds.size > 1:
+        while open_ones.size and nodes < 768 and stds.size > 1:
             nodes *= 2
             before = values[open_ones]
             values[open_ones] = now = at(radii[open_ones], nodes)
@@ -563,9 +562,7 @@ def _ball(radius: Array, stds: Array, means: Array, nodes: int) -> Array:
         upper, lower = (radius - means[0]) / stds[0], (-radius - means[0]) / stds[0]
         # the difference of the closer tails, so that distant balls keep their digits
         return np.where(
-            means[0] > 0,
-            special.ndtr(upper) - special.ndtr(lower),
-            special.ndtr(-lower) - special.ndtr(-upper),
+            means[0] > 0, special.ndtr(upper) - special.ndtr(lower), special.ndtr(-lower) - special.ndtr(-upper)
         )
     across, along, weights = _slices(radius, stds[-1], means[-1], nodes)
     values = _density(across, stds[-1], means[-1]) * _ball(along, stds[:-1], means[:-1], nodes) * along

@@ -37,8 +37,6 @@ _MOST_LEVEL: Final = 60
 _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
 # relative extent of the places across a plane or a line below which they count as lying in it
 _FLAT: Final = 1e-6
-# ratio of a grid's cells to its places above which the places are drawn as points
-_MOST_EMPTY: Final = 2.0
 _COLOURS: Final = "cividis"
 _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 
@@ -232,7 +230,8 @@ def _cells(places: Array, values: Array) -> tuple[Array, Array, Array] | None:
     """Return coordinates and values of a regular grid, NaN in empty cells; ``None`` if the places do not form one."""
     rounded = np.round(places, 6)
     (u, i), (v, j) = (np.unique(row, return_inverse=True) for row in rounded)
-    if len(u) < 2 or len(v) < 2 or len(u) * len(v) > _MOST_EMPTY * len(values):
+    # ratio of a grid's cells to its places above which the places are drawn as points
+    if len(u) < 2 or len(v) < 2 or len(u) * len(v) > 2.0 * len(values):
         return None
     field = np.full((len(v), len(u)), np.nan)
     field[j, i] = values
@@ -270,7 +269,6 @@ def map_chapter(result: MapResult) -> Chapter:
     return Chapter("map", "Map", _section(result), said, PlacesData.of(result))
 
 
-_UNREACHED: Final[Colour] = (0.62, 0.62, 0.62, 1.0)
 _CORNERS: Final = np.concatenate([np.eye(3), -np.eye(3)])
 # an octahedron
 _FACES: Final = np.array(
@@ -278,11 +276,6 @@ _FACES: Final = np.array(
 )
 # decimals of places in m: joint values come from an iteration, so that places do not agree to the last bit
 _DECIMALS: Final = 8
-_OF_SPACING: Final = 0.3
-# smallest and largest radius of a mark, in lengths of the arm
-_RADII: Final = (0.004, 0.03)
-# radius of an unreached place, relative to the others
-_SMALLER: Final = 0.4
 
 
 @final
@@ -332,7 +325,9 @@ class PlacesData:
         for stop, colour in enumerate(colours):
             chosen = known & (stops == stop)
             _draw_marks(scene, f"level{stop}", self.positions[:, chosen], radius, (*to_rgb(colour), 1.0))
-        _draw_marks(scene, "unreached", self.positions[:, ~known], _SMALLER * radius, _UNREACHED)
+        # grey
+        # radius of an unreached place, relative to the others
+        _draw_marks(scene, "unreached", self.positions[:, ~known], 0.4 * radius, (0.62, 0.62, 0.62, 1.0))
 
     def legend(self) -> str:
         """Return the section of the legend: the colours, and the number of places."""
@@ -359,8 +354,9 @@ def _draw_marks(scene: Scene, name: str, positions: Array, radius: float, colour
 
 
 def _radius(positions: Array, length: float) -> float:
-    smallest, largest = (share * length for share in _RADII)
+    # smallest and largest radius of a mark, in lengths of the arm
+    smallest, largest = (share * length for share in (0.004, 0.03))
     if positions.shape[1] < 2:
         return largest
     nearest = cKDTree(positions.T).query(positions.T, k=2)[0][:, 1]
-    return float(np.clip(_OF_SPACING * np.median(nearest), smallest, largest))
+    return float(np.clip(0.3 * np.median(nearest), smallest, largest))

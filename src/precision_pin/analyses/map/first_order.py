@@ -205,12 +205,6 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
 _SCORES: Final = np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 4001)
 _WEIGHTS: Final = np.exp(-(_SCORES**2) / 2) / np.exp(-(_SCORES**2) / 2).sum()
 _NORMAL_EIGHTH: Final = 105 ** (1 / 8)
-# c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499
-_THIRD: Final = 0.7549 / 6
-_FOURTH: Final = 1.4008 / 24
-# fraction of the tail beyond a quantile reserved for remainders
-_OF_TAIL: Final = 0.05
-_REMAINDERS: Final = (1e-2, 1e-3, 1e-4)
 _FLAT: Final = 1e-12
 
 # terms, components and the derivative of the product of one with respect to the other
@@ -364,8 +358,9 @@ class LawShapes(Fixed):
         other = self.replaced_fourth > 0
         turned = np.einsum("pik,idp->kdp", vectors, jacobian[:, other])
         lengths = np.sqrt((turned**2 / np.maximum(values.T, least)[:, None]).sum(axis=0))
-        found = _THIRD * (self.replaced_third[other] @ lengths**3)
-        found += _FOURTH * (self.replaced_fourth[other] @ lengths**4)
+        # c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499
+        found = (0.7549 / 6) * (self.replaced_third[other] @ lengths**3)
+        found += (1.4008 / 24) * (self.replaced_fourth[other] @ lengths**4)
         return np.minimum(found, 1.0)
 
 
@@ -453,7 +448,8 @@ class Vectors(Fixed):
 
     def quantile_bounds(self, level: float, quantile: Array) -> Array:
         """Return bounds of the quantile of the length, ``(2, P)``, given the quantile of the normal law ``(P,)``."""
-        left = _OF_TAIL * (1 - level)
+        # fraction of the tail beyond a quantile reserved for remainders
+        left = 0.05 * (1 - level)
         beyond = self.remainder * left ** (-1 / 4)
         above, below = level + left, level - left
         square, spread = self.square_mean, self.square_spread
@@ -472,7 +468,8 @@ class Vectors(Fixed):
         """Return bounds of the probability that the length is at most ``limit``, ``(2, P)``."""
         low, high = np.zeros_like(self.farthest), np.ones_like(self.farthest)
         square, variance = self.square_mean, self.square_spread**2
-        for left in _REMAINDERS:
+        # probabilities left for a remainder beyond its bound
+        for left in (1e-2, 1e-3, 1e-4):
             beyond = self.remainder * left ** (-1 / 4)
             inner, outer = np.maximum(limit - beyond, 0.0), limit + beyond
             room, lack = np.maximum(inner**2 - square, 0.0), np.maximum(square - outer**2, 0.0)
@@ -505,14 +502,8 @@ _PARAMETER: Final = (np.arange(_NODES) + 0.5)[:, None] * _STEP
 # distances of the nodes on half of the path from the real axis, ``(nodes, 1)``, in units of 1/√K''
 _ACROSS: Final = np.sinh(_PARAMETER)
 _PATH_WEIGHTS: Final = np.cosh(_PARAMETER) * (_STEP / np.pi)
-# slope to which the parabola flattens: with 1 or more the integrand of a long vector may grow again
-_SLOPE: Final = 0.7
 # largest distance from the mean, in standard deviations of the vector, at which a probability is computed
 _FARTHEST: Final = 40.0
-# smallest distance of the path from the pole, in the same units
-_FROM_POLE: Final = 1.0
-# variance along an axis, relative to the largest, below which the vector is constant along it
-_CONSTANT: Final = 1e-14
 _ROUNDS: Final = 3
 # relative step after which the next one is at rounding: convergence is quadratic
 _CLOSE: Final = 2e-5
@@ -612,7 +603,8 @@ class _Law:
         largest = variances.max(axis=0)
         squares = means**2
         self.still = largest <= _ROUNDING * np.maximum(1.0, squares.sum(axis=0))
-        flat = variances <= _CONSTANT * largest
+        # variance along an axis, relative to the largest, below which the vector is constant along it
+        flat = variances <= 1e-14 * largest
         self.constant = np.where(flat | self.still, squares, 0.0).sum(axis=0)
         # where nothing varies, any law will do
         self._variances = np.where(self.still, 1.0, np.where(flat, 0.0, variances))
@@ -656,7 +648,8 @@ class _Law:
         crossing, second, third = (of[part] for of in saddle)
         width = 1 / np.sqrt(second)
         bend = third * width / (6 * second)
-        flattening = 1 / np.sqrt(1 + (bend * _ACROSS / _SLOPE) ** 2)
+        # slope to which the parabola flattens: with 1 or more the integrand of a long vector may grow again
+        flattening = 1 / np.sqrt(1 + (bend * _ACROSS / 0.7) ** 2)
         path, rates = np.empty((2, _NODES, len(width)), dtype=np.complex128)
         path.real, path.imag = crossing + width * bend * _ACROSS**2 * flattening, width * _ACROSS
         rates.real = width * bend * _ACROSS * _PATH_WEIGHTS * flattening * (1 + flattening**2)
@@ -684,7 +677,8 @@ class _Law:
     def _crossing(self, x: Array) -> tuple[Array, Array, Array]:
         """Return where the path crosses the real axis, and the second and third derivative of K there."""
         t = self.saddle(x)
-        away = _FROM_POLE / np.sqrt(self.derivatives(t)[1])
+        # smallest distance of the path from the pole, in the same units
+        away = 1.0 / np.sqrt(self.derivatives(t)[1])
         left = (t < 0) | (2 * away > self.end)
         t = np.where(np.abs(t) >= away, t, np.where(left, -away, away))
         return t, self.derivatives(t)[1], self.third_derivative(t)

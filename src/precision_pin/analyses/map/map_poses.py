@@ -444,8 +444,6 @@ VERIFIED: Final = 5
 VERIFYING_SAMPLES: Final = 20_000
 _NORMS: Final = ((0, 1, 2), (3, 4, 5))
 _DOUBTED: Final = 0.1
-# bytes of a pose beside its moments: names, quantiles and their bounds
-_REST: Final = 700
 # poses whose quantiles and bounds are computed between two progress steps
 _AT_ONCE: Final = 2048
 
@@ -516,7 +514,8 @@ def map_poses(
     # the bounds of a vector have 25 numbers; relative errors have as many as absolute ones
     moments = len(lines) + 25 * len(vectors) + 42 * (1 if relative_to is None else 2)
     # computed in parts beside the joints' frames and Jacobians of all poses, then joined
-    needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + _REST
+    # bytes of a pose beside its moments: names, quantiles and their bounds
+    needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + 700
     check_memory(float(needed * len(given)), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
         counts = ", ".join(f"{count:,} {status}" for status, count in Counter(given.status).items())

@@ -23,7 +23,6 @@ _MOST_ROWS: Final = 12
 # number of poses listed otherwise, worst first
 _WORST_ROWS: Final = 10
 _MOST_LETTERS: Final = 17
-_MOST_SHARES: Final = 4
 # smallest fraction resolved by the closed form: its integral is accurate to this
 _SMALLEST: Final = 1e-7
 _LEVEL: Final = LEVELS.index(0.95)
@@ -144,7 +143,8 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     cells |= {"|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
     if result.relative is not None:
         cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
-    ranks = range(len(result.specifications[:_MOST_SHARES]))
+    # a terminal has room for four
+    ranks = range(len(result.specifications[:4]))
     cells |= {f"spec {rank + 1}": _inside(result, rank, pose) for rank in ranks}
     if not several and (result.relative is None or not result.specifications):
         cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"

@@ -118,15 +118,6 @@ class Uncorrelated(NamedTuple):
         )
 
 
-MOST_PRODUCTS: Final = 512
-"""Largest number of products kept: 54 numbers have 1,485, of which 200 are relevant."""
-
-MOST_COMPONENTS: Final = 256
-"""Largest number of components for which products are used: their number grows with the square."""
-
-_THIN: Final = 2**18
-"""Size of matrix products below which BLAS stays on one thread, which is faster for thin matrices."""
-
 _LEAST: Final = 1e-10
 """Smallest fraction of the variance of all products for which a product is kept."""
 
@@ -163,14 +154,16 @@ class Control(NamedTuple):
         # a product of two components is a product of two numbers only where each number moves a single component
         usable = np.flatnonzero(numbers.known & (np.count_nonzero(numbers.columns, axis=0) == 1))
         found = None
-        if 0 < usable.size <= MOST_COMPONENTS:
+        # largest number of components for which products are used: their number grows with the square
+        if 0 < usable.size <= 256:
             with suppress(InputError):  # draws so wide that the error does not exist at their edge: the tangent alone
                 found = _second_derivatives(at, numbers, usable)
         bends = np.zeros((6, usable.size, usable.size)) if found is None else found
         sizes = _variances(numbers, usable, bends)
         whole = np.diagonal(at.covariance) + sizes.sum(axis=(1, 2))
         parts = np.einsum("ikm,i->km", sizes, 1 / np.where(whole > _ROUNDING**2, whole, np.inf))
-        ranked = np.argsort(-parts, axis=None, kind="stable")[:MOST_PRODUCTS]
+        # largest number of products kept: 54 numbers have 1,485, of which 200 are relevant
+        ranked = np.argsort(-parts, axis=None, kind="stable")[:512]
         ranked = ranked[parts.flat[ranked] > _LEAST * parts.sum()]
         k, m = np.unravel_index(ranked, parts.shape)
         chosen = bends[:, k, m] * np.where(k == m, 0.5, 1.0)
@@ -206,7 +199,8 @@ class Control(NamedTuple):
 
 def thin(count: int, work: int) -> Iterator[slice]:
     """Yield slices of columns so narrow that a product with ``work`` multiplications per column stays on one thread."""
-    step = max(64, _THIN // max(work, 1))
+    # size of matrix products below which BLAS stays on one thread, which is faster for thin matrices
+    step = max(64, (2**18) // max(work, 1))
     return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
 

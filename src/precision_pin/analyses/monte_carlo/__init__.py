@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
 """Reason why there is nothing to judge."""
 
-_LARGE_ANGLE: Final = 0.1
 
 _BRIEF: Final = ("mean", "std", 0.5, 0.95, 0.99, 0.9973)
 _COLUMNS: Final = ("mean", "std", "min", "max", "mode", 0.5, 0.95, 0.99, 0.9973)
@@ -211,7 +210,7 @@ def _bandwidths(analysis: MonteCarloResult) -> str:
 def demanded(specification: Specification | SpecificationResult) -> str:
     """Return a specification as text, such as ``|d| within 0.5 mm for 95 %``; a large angle in degrees too."""
     of, limit = specification.quantity, specification.limit
-    degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= _LARGE_ANGLE else ""
+    degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= 0.1 else ""
     return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
 
 

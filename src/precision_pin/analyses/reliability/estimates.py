@@ -29,7 +29,6 @@ WIDENING: Final = 1.1
 """Factor of intervals of weighted and conditional samples, whose standard errors are estimates themselves."""
 
 SAMPLING: Final = "sampling"
-_FEWEST_DIGITS: Final = 3
 _MOST_DIGITS: Final = 9
 # confidence of the interval of a difference that must contain 0 for two estimates to agree
 _AGREEING: Final = 0.99
@@ -214,6 +213,6 @@ def rounded(end: float, interval: tuple[float, float], *, down: bool = False) ->
         return "0"
     low, high = interval
     leading = math.floor(math.log10(end))
-    enough = (n for n in range(_FEWEST_DIGITS, _MOST_DIGITS) if 2 * 10.0 ** (leading - n + 1) <= high - low)
+    enough = (n for n in range(3, _MOST_DIGITS) if 2 * 10.0 ** (leading - n + 1) <= high - low)
     digits = next(enough, _MOST_DIGITS)
     return f"{round_end(end, digits, up=not down):.{digits}g}"

@@ -31,7 +31,6 @@ from precision_pin.render.tables import absolute, percent, unit
 
 LISTED: Final = 6
 _LONGEST_NAME: Final = 38
-_PANEL: Final = 34.0
 
 
 def figure(
@@ -53,7 +52,7 @@ def figure(
             named = list(specification.failures[0].importance.items()) if specification.failures else []
             _draw_importance(panels[k, 1], specification, named if importance is None else importance[k])
         drawn.suptitle("\n".join(lines))
-        set_height(drawn, _PANEL * rows + LINE_HEIGHT * (len(lines) + 1))
+        set_height(drawn, 34.0 * rows + LINE_HEIGHT * (len(lines) + 1))
     return drawn
 
 

@@ -34,13 +34,9 @@ Margin = Callable[[Array], Array]
 
 _STEP: Final = 1e-4
 _MOST_STEPS: Final = 40
-_MOST_BEYOND: Final = 12
 _LENGTHS: Final = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 2.0**-3, 2.0**-4, 2.0**-6, 2.0**-8, 2.0**-11])
-# required fraction of the decrease that the slope of the merit predicts (Armijo)
-_SUFFICIENT: Final = 0.1
 
 _TOLERANCE: Final = 1e-7
-_LOOSE: Final = 3e-4
 _APART: Final = 2e-2
 _AT_ONCE: Final = 16_384
 
@@ -50,8 +46,6 @@ _BULGE_RADIUS: Final = 1.1
 _BULGE_LIFT: Final = 0.75
 
 _MOST_ROUNDS: Final = 8
-# largest number of points; with more, the surface curves around the origin and every point of it is a design point
-_MOST_BULGES: Final = 12
 
 _BULGE_STARTS: Final = 8
 
@@ -127,7 +121,9 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
     if at_origin > 0:
         sides = 2 * np.random.Generator(np.random.Philox(1)).standard_normal((size, _BULGE_STARTS))
         for _ in range(_MOST_ROUNDS):
-            if not distinct or len(distinct) > _MOST_BULGES:
+            # largest number of points; with more, the surface curves around the origin and every point of
+            # it is a design point
+            if not distinct or len(distinct) > 12:
                 break
             first = search.project_starts(np.concatenate([sides, begin[:, :_BULGE_STARTS]], axis=1))
             bulged = _Search(_with_bulges(search, np.array(distinct).T), jumps, search.scale)
@@ -250,9 +246,11 @@ class _Search:
             direction = aim - here
             step = np.linalg.norm(direction, axis=0)
             good[active] = ~flat & ~far & (np.abs(value) <= 1e-6 * self.scale)
-            good[active] &= step <= _LOOSE * np.maximum(1.0, length)
+            # looser than for a search that stops
+            good[active] &= step <= 3e-4 * np.maximum(1.0, length)
             settled = ~far & (np.abs(value) <= _TOLERANCE * self.scale) & (step <= _TOLERANCE * 10)
-            go = ~flat & ~settled & (beyond[active] <= _MOST_BEYOND)
+            # a search that stays beyond the farthest distance is given up
+            go = ~flat & ~settled & (beyond[active] <= 12)
             active, here, value, gradient, direction = (
                 active[go], here[:, go], value[go], gradient[:, go], direction[:, go],
             )  # fmt: skip
@@ -280,7 +278,8 @@ class _Search:
         tried = np.concatenate([straight, bent], axis=2)
         values = np.concatenate([ahead, self.values(bent.reshape(size, -1)).reshape(ahead.shape)], axis=1)
         merits = (tried**2).sum(axis=0) / 2 + penalty[:, None] * np.abs(values)
-        wanted = merit[:, None] + _SUFFICIENT * np.tile(_LENGTHS, 2) * np.minimum(slope, 0.0)[:, None]
+        # required fraction of the decrease that the slope of the merit predicts (Armijo)
+        wanted = merit[:, None] + 0.1 * np.tile(_LENGTHS, 2) * np.minimum(slope, 0.0)[:, None]
         enough = (merits <= wanted) & (merits < merit[:, None])
         best = np.where(enough, merits, np.inf).argmin(axis=1)
         return tried[:, np.arange(count), best], enough.any(axis=1)
@@ -292,17 +291,8 @@ FARTHEST: Final = 8.2
 RARE: Final = 1e-2
 """Probability above which values are left to plain sampling."""
 
-MOST_STRATA: Final = 32
 
-_MOST_SINGLE: Final = 8
-_MOST_COMBINATIONS: Final = 4096
-_MOST_TOGETHER: Final = 64
-_PROBES: Final = 8
-_MOST_PROBED: Final = 100_000
-_PROBED_AT_ONCE: Final = 16_384
 _STEEP_SHARE: Final = 0.1
-_STEEP_SCORE: Final = 0.5
-_LEAST_PROBABILITY: Final = 1e-16
 
 
 @final
@@ -514,9 +504,9 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
     combinations: list[tuple[float, tuple[int, ...]]] = [(1.0, ())]
     for own in cuts.values():
         wider = [(p * _length(cut), (*key, k)) for p, key in combinations for k, cut in enumerate(own)]
-        combinations = sorted(wider, key=lambda entry: -entry[0])[:_MOST_COMBINATIONS]
+        combinations = sorted(wider, key=lambda entry: -entry[0])[:4096]
     parts = []
-    for together in _alike(combinations)[:MOST_STRATA]:
+    for together in _alike(combinations)[:32]:
         probabilities = np.array([p for p, _ in together])
         whole = float(probabilities.sum())
         parts.append(Stratum(space, whole, cuts, tuple(key for _, key in together), probabilities / whole))
@@ -529,7 +519,7 @@ def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[t
     """Return the combinations, most probable first, grouped by the power of ten of their probability."""
     found: list[list[tuple[float, tuple[int, ...]]]] = []
     for entry in combinations:
-        if found and len(found[-1]) < _MOST_TOGETHER and found[-1][0][0] < 10 * entry[0] and any(found[-1][0][1]):
+        if found and len(found[-1]) < 64 and found[-1][0][0] < 10 * entry[0] and any(found[-1][0][1]):
             found[-1].append(entry)
         else:
             found.append([entry])
@@ -581,7 +571,7 @@ def _hides(law: Law) -> bool:
     scores = special.ndtri(np.append(begin, 1.0))
     steep = np.abs(end - value) > _STEEP_SHARE * (high - low)
     torn = np.abs(value[1:] - end[:-1]) > _STEEP_SHARE * (high - low)
-    return bool((steep & (np.diff(scores) < _STEEP_SCORE)).any() or torn.any())
+    return bool((steep & (np.diff(scores) < 0.5)).any() or torn.any())
 
 
 def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Callable[[Array], Array]) -> list[Array]:
@@ -592,7 +582,7 @@ def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Call
     severity, matters = _severity(space, draw, columns, cells, margin)
     if not matters:
         return [cells]
-    if len(cells) <= _MOST_SINGLE:
+    if len(cells) <= 8:
         labels = np.where(shares < RARE, np.arange(1, len(cells) + 1), 0)
         if not (labels == 0).any():
             return [cells]
@@ -600,7 +590,7 @@ def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Call
         order = np.argsort(severity, kind="stable")
         reached = np.empty(len(cells))
         reached[order] = np.cumsum(shares[order])
-        decade = np.minimum(np.floor(np.log10(np.maximum(reached, _LEAST_PROBABILITY)) + 1e-9), math.log10(RARE) - 1)
+        decade = np.minimum(np.floor(np.log10(np.maximum(reached, 1e-16)) + 1e-9), math.log10(RARE) - 1)
         labels = np.where(reached < RARE, -decade, 0).astype(int)
     found = []
     # the usual cells have the label 0
@@ -616,12 +606,13 @@ def _severity(
     """Return the least margin in each cell over several values of the others, and whether it depends on the cell."""
     # just inside both ends, and the middle
     inside = np.array([1e-9, 0.5, 1 - 1e-9]) if draw.law.lines is not None else np.array([0.5])
-    count = max(1, min(_PROBES, _MOST_PROBED // (inside.size * len(cells))))
+    # fewer values of the others for a law of many cells
+    count = max(1, min(8, 100_000 // (inside.size * len(cells))))
     probes = np.random.Generator(np.random.Philox(0)).standard_normal((space.size, count))
     probes[:, 0] = 0.0
     others = from_normals(space, probes)
     least, most = np.full((count, len(cells)), np.inf), np.full((count, len(cells)), -np.inf)
-    step = max(1, _PROBED_AT_ONCE // (count * inside.size))
+    step = max(1, 16_384 // (count * inside.size))
     for first in range(0, len(cells), step):
         part = cells[first : first + step]
         uniforms = (part[:, :1] + (part[:, 1:] - part[:, :1]) * inside).ravel()

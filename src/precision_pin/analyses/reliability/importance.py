@@ -44,29 +44,19 @@ from precision_pin.draws.space import Space
 from precision_pin.statistics import clopper_pearson
 
 METHOD: Final = "importance sampling"
-FEWEST_EFFECTIVE: Final = 100
-"""Smallest effective number of failures, (Σw)²/Σw², of a resolved estimate."""
 
-LARGEST_WEIGHT: Final = 0.05
-"""Largest fraction of one sample in a resolved estimate."""
 
 _PLAIN: Final = 0.1
 _STAYING: Final = 0.5
 _MOST_POINTS: Final = 32
 _CENTRES: Final = 64
-_MORE_CENTRES: Final = 32
 _ROUNDS: Final = 6
-_GOOD_VARIATION: Final = 0.03
 _STEPS: Final = 3
 _OFTEN: Final = 0.05
-_FEWEST_CHECKS: Final = 60
-_FEWEST_EXPECTED: Final = 5.0
 _AT_ONCE: Final = 8192
 _MOST_CLOUDS: Final = 12
-_FEWEST_IN_CLOUD: Final = 30
 _NARROWEST: Final = 0.7
 _WIDEST: Final = 3.0
-_STEPS_OF_SHARES: Final = 20
 _FITTED: Final = 0.7
 
 
@@ -127,7 +117,7 @@ class _Proposal:
             return self
         ratios, shares = self.ratios(failures), self.shares
         total = float(shares.sum())
-        for _ in range(_STEPS_OF_SHARES):
+        for _ in range(20):
             shares = (shares[:, None] * ratios / ((1 - total) + shares @ ratios)).mean(axis=1)
             shares = total * shares / max(float(shares.sum()), 1e-300)
         return replace(self, shares=_FITTED * shares + (1 - _FITTED) * self.shares)
@@ -177,9 +167,10 @@ def importance_sampling(
         if not expected or not pool.shape[1]:
             break
         ratios = 1 / proposal.density(pool)
-        if _predict_variation(ratios, expected, samples) <= _GOOD_VARIATION:
+        # predicted to be accurate enough
+        if _predict_variation(ratios, expected, samples) <= 0.03:
             break
-        worst = np.argsort(ratios)[::-1][:_MORE_CENTRES]
+        worst = np.argsort(ratios)[::-1][:32]
         spread = np.concatenate([spread, towards_surface(margin, pool[:, worst], jumps, _STEPS)], axis=1)
         proposal = _mixture(points, near, clouds, spread, jumps).fit_shares(pool)
     if not proposal.shares.size:
@@ -195,7 +186,7 @@ def _clouds(near: Array, failures: Array) -> tuple[Array, Array]:
         return near[:, :0], near[:, :0]
     nearest = (near.T @ failures / np.maximum(np.linalg.norm(near, axis=0), 1e-9)[:, None]).argmax(axis=0)
     groups = [failures[:, nearest == k] for k in range(near.shape[1])]
-    groups = [group for group in groups if group.shape[1] >= _FEWEST_IN_CLOUD]
+    groups = [group for group in groups if group.shape[1] >= 30]
     if not groups:
         return near[:, :0], near[:, :0]
     means = np.array([group.mean(axis=1) for group in groups]).T
@@ -247,7 +238,8 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
         return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, samples, False, note)
     spread = math.sqrt(max(square - probability**2, 0.0))
     variation, missed = spread / math.sqrt(samples) / probability, 0.0
-    if checks.shape[1] >= _FEWEST_CHECKS:
+    # fewer failures say too little of what is missed
+    if checks.shape[1] >= 60:
         ratios = np.sort(1 / proposal.density(checks))[::-1]
         count = _count_uncovered(ratios, probability, samples)
         missed = clopper_pearson(count, ratios.size, confidence)[1]
@@ -256,7 +248,9 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
     effective = float(weights.sum()) ** 2 / float((weights**2).sum())
     largest = float(weights.max() / weights.sum())
     skewness = float(((weights - probability) ** 3).mean()) / max(spread, 1e-300) ** 3
-    enough = effective >= FEWEST_EFFECTIVE and largest <= LARGEST_WEIGHT and variation <= LARGEST_VARIATION
+    # smallest effective number of failures, (Σw)²/Σw², of a resolved estimate
+    # largest fraction of one sample in a resolved estimate
+    enough = effective >= 100 and largest <= 0.05 and variation <= LARGEST_VARIATION
     note = ""
     if missed > LARGEST_UNKNOWN:
         enough, note = False, f"not resolved: may miss {100 * missed:.2g} % of the failures"
@@ -272,7 +266,7 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
 def _count_uncovered(ratios: Array, probability: float, samples: int) -> int:
     """Return the number of failures, by descending φ/q, in regions where fewer than five samples are expected."""
     expected = np.cumsum(samples * probability / (ratios.size * ratios))
-    return int((expected < _FEWEST_EXPECTED).sum())
+    return int((expected < 5.0).sum())
 
 
 REPLICATES: Final = 12
@@ -384,7 +378,6 @@ class _Run:
         return self.margin(flat).reshape(replicates, count)
 
 
-IMPORTANCE_SAMPLES: Final = 20_000
 SUBSET_SAMPLES: Final = 2_000
 """Samples in each level of each replicate."""
 
@@ -395,8 +388,6 @@ SMALL: Final = 0.01
 """Ratio of a stratum's probability to the failure probability found so far below which it is not evaluated."""
 
 _STARTS_OF_FAILURES: Final = 12
-# ratio of the upper end for a stratum without an estimate to the largest probability of any method
-_MARGIN_OF_BOUND: Final = 10.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -487,7 +478,7 @@ def _within(
     every = max(1, subset.failures.shape[1] // _STARTS_OF_FAILURES)
     searched = form(margin, size, [*starts, *subset.failures.T[::every][:_STARTS_OF_FAILURES]], stratum.jumps)
     shifted = importance_sampling(
-        margin, size, searched.points, seed=second, samples=IMPORTANCE_SAMPLES, confidence=confidence,
+        margin, size, searched.points, seed=second, samples=20_000, confidence=confidence,
         failures=subset.failures, expected=subset.estimate.probability, jumps=stratum.jumps,
     )  # fmt: skip
     if not searched.points and stratum.rare and float(margin(np.zeros((size, 1)))[0]) < 0:
@@ -507,7 +498,8 @@ def _bound_estimates(stratum: Stratum, subset: Subset, shifted: Estimate) -> tup
     if stratum.probability == 1:
         return estimates
     low, high = subset.estimate.interval
-    high = min(high, max(NEGLIGIBLE, _MARGIN_OF_BOUND * max(subset.highest, shifted.probability)))
+    # ratio of the upper end for a stratum without an estimate to the largest probability of any method
+    high = min(high, max(NEGLIGIBLE, 10.0 * max(subset.highest, shifted.probability)))
     return tuple(entry if entry.resolved else replace(entry, interval=(min(low, high), high)) for entry in estimates)
 
 

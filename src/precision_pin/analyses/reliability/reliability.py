@@ -298,9 +298,6 @@ LISTED: Final = 3
 # directions to the 26 faces, edges and corners of a cube
 _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
 
-_REPEATS: Final = 4
-_ASIDE: Final = 0.3
-
 
 @warns_at_end
 def reliability(
@@ -377,13 +374,14 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
     part = specification.quantity.rpartition(".")[2]
     directions = (
-        _NORM_STARTS if part == "norm" else np.tile(np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]], _REPEATS)
+        # four starts to either side, which the offset separates
+        _NORM_STARTS if part == "norm" else np.tile(np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]], 4)
     )
     spread = np.sqrt(at.space.block_covariance.variances)
     ways = (at.jacobian[rows] * spread).T @ directions
     lengths = np.linalg.norm(ways, axis=0)
     # a small random offset, because a gradient may vanish by symmetry
-    aside = _ASIDE * np.random.Generator(np.random.Philox(0)).standard_normal(ways.shape)
+    aside = 0.3 * np.random.Generator(np.random.Philox(0)).standard_normal(ways.shape)
     out = 2 * np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0)
     return list((out + aside).T)
 
