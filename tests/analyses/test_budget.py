@@ -9,7 +9,6 @@ import re
 
 import numpy as np
 import pytest
-from matplotlib.text import Text
 from scipy.special import ndtri
 from scipy.stats import binom
 
@@ -148,28 +147,9 @@ def test_sums_of_the_papers_arm(paper_budget):
     assert math.fsum(draw.worst_case["position.z"] for draw in paper_budget.draws) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_sources_and_places_of_the_papers_arm(paper_budget):
-    """The length a1 stands in two sources; seats belong to their joint."""
-    sources = {line.sources: line for line in paper_budget.sources}
-    assert sources["length[joint2]", "length[tool]"].draws == ("a1",)
-    assert sources[("length[joint2]",)].draws == ("a0",)
-    assert sources[("length[tool]",)].draws == ("a3", "a5")
-    names = [place.name for place in paper_budget.places]
-    assert names[:3] == ["joint1", "link from joint1 to joint2", "joint2"]
-    install = sources[("axis_install[joint1]",)].share
-    joint = paper_budget.places[0].share
-    # the torque on a vertical axis is zero: all that happens at joint 1 is its installation
-    assert all(joint[quantity] == pytest.approx(install[quantity], abs=1e-12) for quantity in CLOSED)
-
-
 def test_a_fixed_draw_has_no_share_and_a_parameter_belongs_to_what_uses_it():
-    draws = (
-        Draw("still", Fixed(2e-3)),
-        Draw("rail", Uniform(1e-3)),
-        Draw("spot", Disc(1e-3)),
-        Draw("idle", Uniform(1.0)),
-    )
-    space = Space(draws)
+    draws = {"still": Fixed(2e-3), "rail": Uniform(1e-3), "spot": Disc(1e-3), "idle": Uniform(1.0)}
+    space = Space(tuple(Draw(*one) for one in draws.items()))
     sources = [JointOffset(joint="rail", offset="still"), JointOffset(joint="lift", offset=2 * space.parameter("rail"))]
     model = gantry(*sources, space=space)
     found = pp.budget(model, [0.1, 0.2], samples=FEW).poses[0]
@@ -197,23 +177,11 @@ def test_a_fixed_draw_has_no_share_and_a_parameter_belongs_to_what_uses_it():
     json.loads(bare.to_json())
 
 
-@pytest.fixture(scope="module")
-def seven() -> ErrorModel:
-    return everything(seven_joint_arm())
-
-
-def test_parts_of_the_targets_add_up_to_the_tangent(seven):
-    at = seven.at(SEVEN_Q)
-    total = np.zeros_like(at.jacobian)
-    for part in at.jacobian_parts:
-        total[:, part.columns] += part.slopes
-    np.testing.assert_allclose(total, at.jacobian, rtol=0, atol=1e-12 * np.abs(at.jacobian).max())
-
-
 @pytest.mark.slow
-def test_seven_joints_with_correlated_and_shared_draws(seven):
+def test_seven_joints_with_correlated_and_shared_draws():
     """Sums, sharing, and Shapley effects of the payload's centre against the published form for two inputs."""
-    found = pp.budget(seven, SEVEN_Q, samples=4096).poses[0]
+    seven = everything(seven_joint_arm())
+    found = pp.budget(seven, SEVEN_Q, samples=FEW).poses[0]
     at = seven.at(SEVEN_Q)
     for quantity in CLOSED:
         assert found.sums[quantity].closed == pytest.approx(1.0, abs=1e-12)
@@ -249,12 +217,8 @@ def test_draws_correlated_by_a_copula():
         (Draw("first", Normal(s1)), Draw("alone", Normal(s3)), Draw("second", Normal(s2))),
         (Correlation(("first", "second"), ((1.0, rho), (rho, 1.0))),),
     )
-    sources = [
-        Frame(link="base", x="first"),
-        Frame(frame="tool", x="second"),
-        JointOffset(joint="rail", offset="alone"),
-    ]
-    model = gantry(*sources, space=space)
+    first, second = Frame(link="base", x="first"), Frame(frame="tool", x="second")
+    model = gantry(first, second, JointOffset(joint="rail", offset="alone"), space=space)
     assert correlated_groups(model.space) == ((0, 2), (1,))
     found = pp.budget(model, [0.0, 0.0], samples=16384, confidence=0.99).poses[0]
     whole = s1**2 + s2**2 + 2 * rho * s1 * s2 + s3**2
@@ -431,12 +395,12 @@ def test_ishigami_lies_inside_the_stated_intervals():
 
 @pytest.mark.slow
 def test_intervals_cover_as_often_as_stated():
-    """Of 60 seeds, a 95 % interval may miss as often as one of exactly 95 % does with probability 1e-4.
+    """Of 30 seeds, a 95 % interval may miss as often as one of exactly 95 % does with probability 1e-4.
 
     The 95 % quantile of the sum of two uniform numbers is 2 - √0.1; halved, with the same numbers, half of it.
     """
     hits, truth = np.zeros(9), 2 - math.sqrt(0.1)
-    for seed in range(60):
+    for seed in range(30):
         found = indices(ishigami, 3, [[0], [1], [2]], seed=seed, points=128)
         total = budget_module.scrambled_points(2, seed, 128).sum(axis=0, keepdims=True)
         value, change = budget_module.quantile_changes(total, total / 2, 0.95, 0.95)
@@ -444,7 +408,7 @@ def test_intervals_cover_as_often_as_stated():
             [covers(found.first, np.array(FIRST)[:, None])[:, 0], covers(found.total, np.array(TOTAL)[:, None])[:, 0],
              covers(found.variance, VARIANCE), covers(value, truth), covers(change, truth / 2)]
         )  # fmt: skip
-    assert hits.min() >= binom.ppf(1e-4, 60, 0.95)
+    assert hits.min() >= binom.ppf(1e-4, 30, 0.95)
 
 
 def test_closed_form_of_an_interaction():
@@ -608,6 +572,8 @@ def test_table_shows_shares_indices_widths_and_sums(whole):
     assert any(line.startswith("a1: length[joint2], length[tool]") for line in lines)
     assert any(line.startswith("link from joint1 to joint2") for line in lines)
     assert "worst case" not in lines[8]
+    stds = re.findall(r"std ([\d.]+)", next(line for line in lines if line.startswith("position: std ")))
+    assert float(stds[1]) == pytest.approx(float(stds[0]), rel=0.01)  # sampled as in closed form
     # components show the worst case and norms no closed form
     text = table(whole, ["position.z", "attitude.norm"])
     assert "worst case %" in text
@@ -630,26 +596,14 @@ def test_many_draws_are_cut_and_correlated_ones_have_a_line(correlated):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("which", ["whole", "correlated"])
-def test_figure_has_legible_text_inside_it_and_bars_are_the_shares_largest_first(which, request):
-    result = request.getfixturevalue(which)
-    made = figure(result)
-    made.canvas.draw()
-    assert min(text.get_fontsize() for text in made.findobj(Text) if text.get_text() and text.get_visible()) >= 7
-    upper, lower = made.axes
-    for axes in (upper, lower):
-        boxes = [label.get_window_extent() for label in axes.get_yticklabels()]
-        assert all(one.x0 >= made.bbox.x0 and one.x1 <= made.bbox.x1 for one in boxes)
-        assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
-    assert not upper.xaxis.label.get_window_extent().overlaps(lower.get_window_extent())
-    legend = {text.get_text() for text in made.legends[0].get_texts()}
-    assert legend == {"share of the variance, first order", "total Sobol index, exact model"}
-    if which == "whole":
-        groups = sorted(result.poses[0].groups, key=lambda group: -round(group.share["position"], 9))[:12]
-        bars, diamonds = sorted(upper.containers, key=lambda one: not hasattr(one, "patches"))
-        shares = [100 * group.share["position"] for group in groups]
-        assert [bar.get_width() for bar in bars.patches] == pytest.approx(shares, rel=1e-12)
-        totals = [100 * group.total["position"].value for group in groups]
-        assert diamonds[0].get_xdata() == pytest.approx(totals, rel=1e-12)
-        assert "radius 0.1 mm" in {part for text in upper.texts for part in text.get_text().split("  ")}
-        assert next(label.get_text() for label in upper.get_yticklabels()).startswith("axis of joint1, bearing")
+def test_bars_of_the_figure_are_the_shares_largest_first(whole):
+    result, made = whole, figure(whole)
+    upper = made.axes[0]
+    groups = sorted(result.poses[0].groups, key=lambda group: -round(group.share["position"], 9))[:12]
+    bars, diamonds = sorted(upper.containers, key=lambda one: not hasattr(one, "patches"))
+    shares = [100 * group.share["position"] for group in groups]
+    assert [bar.get_width() for bar in bars.patches] == pytest.approx(shares, rel=1e-12)
+    totals = [100 * group.total["position"].value for group in groups]
+    assert diamonds[0].get_xdata() == pytest.approx(totals, rel=1e-12)
+    assert "radius 0.1 mm" in {part for text in upper.texts for part in text.get_text().split("  ")}
+    assert next(label.get_text() for label in upper.get_yticklabels()).startswith("axis of joint1, bearing")

@@ -92,7 +92,7 @@ PAIRS = {
 @pytest.mark.parametrize("name", PAIRS)
 def test_intervals_of_quantiles_cover_the_difference(name):
     draw, difference = PAIRS[name]
-    turns = 100
+    turns = 50
     pairs = list(zip(*draw(turns, 2000), strict=True))
     for level in (0.5, 0.95):
         expected = difference(level)
@@ -137,7 +137,7 @@ def test_models_that_differ_in_a_rare_draw_are_not_told_to_be_alike():
 @pytest.mark.slow
 @pytest.mark.parametrize(("count", "gained", "lost"), [(300, 0.02, 0.0), (300, 0.45, 0.45), (2000, 0.003, 0.001)])
 def test_intervals_of_shares_cover_whatever_changes_sides(count, gained, lost):
-    turns = 1500
+    turns = 1000
     held = 0
     for up, down, _ in RNG.multinomial(count, [gained, lost, 1 - gained - lost], turns):
         first, other = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)

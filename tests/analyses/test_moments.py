@@ -24,14 +24,8 @@ from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of, joint, link, robot
 
 SAMPLED = ("control", "sobol", "sobol-control", "plain")
-
-
 LENGTHS = (0.7, 0.4)
-
-
 SLACK = 2e-16
-
-
 """Rounding of errors of a metre."""
 
 
@@ -240,7 +234,7 @@ def test_correlated_draws_that_are_not_normal():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["control", "plain"])
 def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
-    """60 seeds: of each moment, a 95 % interval misses no more often than one of 95 % does, at 1e-5.
+    """30 seeds: of each moment, a 95 % interval misses no more often than one of 95 % does, at 1e-5.
 
     The average of the estimates is within 4.5 of its standard errors (1e-5) of the truth, which a product of means left in
     would not be. The stated standard errors, root mean square, are the estimates' own spread.
@@ -250,37 +244,32 @@ def test_intervals_cover_as_often_as_stated_and_nothing_is_biased(method):
     where += [(2, (0,)), (2, (1,)), (3, (0,)), (3, (1,))]
     true = np.array([truth[kind][index] for kind, index in where])
     found, stated, hits = [], [], np.zeros(len(where))
-    for seed in range(60):
+    for seed in range(30):
         # what the control leaves of Var(1 - cos θ) is of the sixth order: not resolved by fewer
         samples = 4096 if method == "control" else 1024
         parts = estimates(moments(model, method=method, samples=samples, seed=seed).poses[0])
         found.append([parts[kind].value[index] for kind, index in where])
         stated.append([parts[kind].standard_error[index] for kind, index in where])
         hits += [covered(parts[kind], truth[kind])[index] for kind, index in where]
-    assert hits.min() >= stats.binom.ppf(1e-5, 60, 0.95)
+    assert hits.min() >= stats.binom.ppf(1e-5, 30, 0.95)
     values, errors = np.array(found), np.array(stated)
     spread = values.std(axis=0, ddof=1)
     assert (spread > 0).all()
-    assert (np.abs(values.mean(axis=0) - true) <= 4.5 * spread / math.sqrt(60)).all()
-    # a spread is known to 9.2 % from 60 numbers of a normal law
-    np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)) / spread, 1, atol=0.3)
-
-
-@pytest.fixture(scope="module")
-def truth(paper):
-    return moments(paper, method="control", samples=2**18, seed=10**6).poses[0]
+    assert (np.abs(values.mean(axis=0) - true) <= 4.5 * spread / math.sqrt(30)).all()
+    # a spread is known to 13 % from 30 numbers of a normal law, 3.3 times which is allowed
+    np.testing.assert_allclose(np.sqrt((errors**2).mean(axis=0)) / spread, 1, atol=0.43)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["sobol", "sobol-control"])
-def test_intervals_of_sobol_points_cover_as_often_as_stated(paper, truth, method):
+def test_intervals_of_sobol_points_cover_as_often_as_stated(paper):
     """20 seeds on the paper's arm, against 256 times the samples: no fewer hits than of 95 %, at 1e-5."""
+    truth = moments(paper, method="control", samples=2**18, seed=10**6).poses[0]
     closed = moments(paper, method="closed").poses[0]
     for one, exact in ((truth.mean, closed.mean), (truth.covariance, closed.covariance)):
         assert (np.abs(one.value - exact.value) <= 2 * one.half_width + SLACK).all()
     found, hits = [], 0
     for seed in range(20):
-        pose = moments(paper, method=method, samples=1024, seed=seed).poses[0]
+        pose = moments(paper, method="sobol-control", samples=1024, seed=seed).poses[0]
         parts = ((pose.mean, truth.mean), (pose.covariance, truth.covariance))
         hits = hits + np.concatenate([covered(one, true.value).ravel() for one, true in parts])
         found.append(np.concatenate([one.value.ravel() for one, _ in parts]))
@@ -426,4 +415,4 @@ def test_memory_does_not_grow_with_the_samples(paper):
             tracemalloc.stop()
 
     peak(16 * 64)
-    assert peak(16 * 16_384) < 1.2 * peak(16 * 4096)
+    assert peak(16 * 8192) < 1.2 * peak(16 * 2048)

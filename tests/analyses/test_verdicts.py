@@ -69,7 +69,7 @@ def quantile_of(below: Callable[[float], float], level: float) -> float:
 @pytest.mark.parametrize("name", CASES)
 def test_a_sampled_verdict_and_quantile_may_be_wrong_as_often_as_stated(name: str) -> None:
     laws, below, limit = CASES[name]
-    model, turns, levels = hinge(*laws), 60, (0.5, 0.95)
+    model, turns, levels = hinge(*laws), 40, (0.5, 0.95)
     required = below(limit) + 1e-9
     asked = Specification("attitude.norm", limit * UNIT, required)
     wrong, held = np.zeros(2), np.zeros(2)
@@ -146,7 +146,7 @@ def test_a_robot_of_the_sheet_is_told_from_it_as_often_as_stated(law: Law) -> No
 def test_a_rare_failure_is_not_understated(laws, limit: float, failing) -> None:
     truth = failing(lambda size, mean: stats.norm.sf(size - mean) + stats.norm.cdf(-size - mean))
     asked = Specification("attitude.norm", limit * UNIT, 1 - 0.98 * truth)
-    turns = 8
+    turns = 4
     found = [
         pp.reliability(hinge(*laws), [asked], [0.0], samples=1000, seed=seed).poses[0].specifications[0]
         for seed in range(turns)
@@ -183,5 +183,5 @@ def test_intervals_of_nets_over_one_angle():
 
 @pytest.mark.slow
 def test_bounds_of_exact_laws_and_of_the_worst_case():
-    rows = [*analyses._laws(10), analyses._vertices(5)]
+    rows = [*analyses._laws(4), analyses._vertices(3)]
     assert all(row.held == row.given == row.runs for row in rows)

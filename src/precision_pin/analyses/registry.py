@@ -32,7 +32,5 @@ def declarations() -> dict[str, Declaration]:
 
 def find_function(name: str) -> Any:
     """Return the analysis function of this name, or ``None``."""
-    for one in declarations().values():
-        if one.function.rpartition(":")[2] == name:
-            return load(one.function)
-    return None
+    found = (one.function for one in declarations().values() if one.function.rpartition(":")[2] == name)
+    return next(map(load, found), None)

@@ -677,7 +677,7 @@ class _Law:
     def _crossing(self, x: Array) -> tuple[Array, Array, Array]:
         """Return where the path crosses the real axis, and the second and third derivative of K there."""
         t = self.saddle(x)
-        # smallest distance of the path from the pole, in the same units
+        # smallest distance of the path from the pole, in units of 1/√K''
         away = 1.0 / np.sqrt(self.derivatives(t)[1])
         left = (t < 0) | (2 * away > self.end)
         t = np.where(np.abs(t) >= away, t, np.where(left, -away, away))

@@ -193,15 +193,8 @@ class MomentsResult(Result):
 
     schema: ClassVar[str] = "precision-pin/moments/1"
     KEYS: ClassVar[Keys] = (
-        "*head",
-        "model",
-        "method",
-        "samples",
-        "confidence",
-        "assumptions",
-        "warnings",
-        "findings",
-        "poses",
+        *("*head", "model", "method", "samples", "confidence"),
+        *("assumptions", "warnings", "findings", "poses"),
     )
     model: ClassVar[str] = "exact"
 

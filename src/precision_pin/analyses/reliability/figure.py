@@ -15,17 +15,8 @@ from precision_pin.analyses.monte_carlo import demanded
 from precision_pin.analyses.reliability.estimates import in_words
 from precision_pin.analyses.reliability.reliability import ReliabilityResult, SpecificationReliability
 from precision_pin.base.errors import InputError
+from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    caption,
-    inline_figure,
-    new_figure,
-    set_height,
-    shortened,
-    style,
-)
 from precision_pin.render.html import Child, Html, items, paragraph, table
 from precision_pin.render.tables import absolute, percent, unit
 
@@ -39,12 +30,12 @@ def figure(
     """Return each specification's probabilities of failure by method, and the importance factors, 174 mm wide."""
     entry, provenance = result.poses[which], result.provenance
     lines = [
-        *caption("reliability", provenance, entry.pose),
+        *figure_style.caption("reliability", provenance, entry.pose),
         f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}; "
         f"bars: intervals at {100 * result.confidence:g} % confidence",
     ]
-    with style():
-        drawn = new_figure(DOUBLE_COLUMN)
+    with figure_style.style():
+        drawn = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         rows = len(entry.specifications)
         panels = drawn.subplots(rows, 2, squeeze=False)
         for k, specification in enumerate(entry.specifications):
@@ -52,7 +43,7 @@ def figure(
             named = list(specification.failures[0].importance.items()) if specification.failures else []
             _draw_importance(panels[k, 1], specification, named if importance is None else importance[k])
         drawn.suptitle("\n".join(lines))
-        set_height(drawn, 34.0 * rows + LINE_HEIGHT * (len(lines) + 1))
+        figure_style.set_height(drawn, 34.0 * rows + figure_style.LINE_HEIGHT * (len(lines) + 1))
     return drawn
 
 
@@ -62,7 +53,7 @@ def draw(axes: Axes, result: ReliabilityResult, which: int, quantity: str) -> No
     found = [entry for entry in entries if entry.specification.quantity.startswith(quantity)]
     if not found:
         raise InputError(f"no specification limits the {quantity}")
-    with style():
+    with figure_style.style():
         _draw_methods(axes, found[0])
 
 
@@ -109,7 +100,7 @@ def _draw_importance(axes: Axes, entry: SpecificationReliability, importance: Se
         return
     shares = importance[:LISTED]
     axes.barh(range(len(shares)), [100 * share for _, share in shares], height=0.7, color=SKY, linewidth=0)
-    axes.set_yticks(range(len(shares)), [shortened(name, _LONGEST_NAME) for name, _ in shares])
+    axes.set_yticks(range(len(shares)), [figure_style.shortened(name, _LONGEST_NAME) for name, _ in shares])
     axes.set_ylim(max(len(shares), 3) - 0.4, -0.6)
     axes.tick_params(axis="y", length=0)
     axes.set_title(f"β = {entry.failures[0].beta:.4g}", fontsize=7.5)
@@ -122,7 +113,7 @@ _NOTHING = 5e-5
 def content(result: ReliabilityResult, results: Results) -> list[Child]:
     """Return the verdicts, the estimate of each method, and the draws that matter most for failure."""
     entries = result.poses[0].specifications
-    chart = inline_figure(
+    chart = figure_style.inline_figure(
         figure(result, 0, [_important(entry, results) for entry in entries]),
         f"{results.prefix}reliability",
         f"Probabilities of failure by method: {'; '.join(map(_described, entries))}",
