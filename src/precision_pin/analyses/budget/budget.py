@@ -137,11 +137,8 @@ class SampledBudget:
     def _norms(self, x: Array) -> Array:
         return quantity_values(self._errors(x))[list(NORM_ROWS)]
 
-    def halve_each(self) -> list[Halved]:
-        """Return the effect of halving each draw's deviation from its mean, with the same random numbers otherwise."""
-        return [self._halve(k) for k in range(len(self.random))]
-
-    def _halve(self, draw: int) -> Halved:
+    def halve(self, draw: int) -> Halved:
+        """Return the effect of halving a draw's deviation from its mean, with the same random numbers otherwise."""
         rows = self.at.space.slices[draw]
         factors = np.ones(self.at.space.size)
         factors[rows] = 0.5
@@ -346,7 +343,7 @@ def _at_pose(
         ) from None
     shares, reach = by_draw(at), reaches(at, k)
     sampled = SampledBudget(at, correlated_groups(at.space), seed, samples, confidence, step)
-    halved = sampled.halve_each()
+    halved = [sampled.halve(k) for k in range(len(at.space.draws))]
     found = *at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at)
     return PoseBudget(
         pose=PoseLabel.of(error_model, pose, at),

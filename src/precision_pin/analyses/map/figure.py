@@ -209,7 +209,7 @@ def _draw_field(
     if drawn is not None:
         mesh = axes.pcolormesh(*drawn, cmap=_COLOURS, shading="nearest", rasterized=True)
     else:
-        marker, size = "s" if layout.kind == "plane" else "o", _size(len(values))
+        marker, size = "s" if layout.kind == "plane" else "o", float(np.clip(6000.0 / max(len(values), 1), 4.0, 40.0))
         mesh = axes.scatter(*places[:, known], c=values[known], cmap=_COLOURS, s=size, marker=marker)
     if not known.all():
         axes.scatter(*places[:, ~known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
@@ -236,10 +236,6 @@ def _cells(places: Array, values: Array) -> tuple[Array, Array, Array] | None:
     field = np.full((len(v), len(u)), np.nan)
     field[j, i] = values
     return u, v, np.ma.masked_invalid(field)
-
-
-def _size(count: int) -> float:
-    return float(np.clip(6000.0 / max(count, 1), 4.0, 40.0))
 
 
 def _section(result: MapResult) -> Html:

@@ -21,7 +21,9 @@ from precision_pin.statistics import COMPONENTS, QUANTITIES
 def figure(result: MomentsResult, which: int = 0) -> Figure:
     """Return mean and standard deviation of the components, exact beside first order, 174 mm wide."""
     pose = result.poses[which]
-    lines = [*figure_style.caption("moments of the error", result.provenance, pose.pose), _computed(result)]
+    of = result.provenance
+    how = f"{result.how}; N = {result.samples:,}, seed {of.seed}, statics {of.statics}"
+    lines = [*figure_style.caption("moments of the error", of, pose.pose), how]
     with figure_style.style():
         drawn = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         panels = drawn.subplots(2, 2)
@@ -37,11 +39,6 @@ def draw(axes: Axes, result: MomentsResult, which: int, quantity: str) -> None:
     rows, unit = (range(3), "mm") if quantity == "position" else (range(3, 6), "mrad")
     with figure_style.style():
         _draw(axes, result.poses[which], rows, "std", f"standard deviation [{unit}]")
-
-
-def _computed(result: MomentsResult) -> str:
-    of = result.provenance
-    return f"{result.how}; N = {result.samples:,}, seed {of.seed}, statics {of.statics}"
 
 
 def _draw(axes: Axes, pose: PoseMoments, rows: range, which: str, label: str) -> None:

@@ -154,8 +154,10 @@ def importance_sampling(
         jumps: Numbers with jumps in their values.
     """
     generator = np.random.Generator(np.random.Philox(seed))
+    counts = [min(_AT_ONCE, samples - first) for first in range(0, samples, _AT_ONCE)]
     if expected >= _OFTEN:
-        return plain_estimate(_plain_failures(margin, size, generator, samples), samples, confidence, METHOD)
+        failed = sum(int((margin(generator.standard_normal((size, count))) < 0).sum()) for count in counts)
+        return plain_estimate(failed, samples, confidence, METHOD)
     known = np.zeros((size, 0)) if failures is None else failures[:, generator.permutation(failures.shape[1])]
     near = np.array([point.u for point in points[:_MOST_POINTS]]).reshape(-1, size).T
     used = min(_CENTRES, known.shape[1] // 3)
@@ -175,7 +177,6 @@ def importance_sampling(
         proposal = _mixture(points, near, clouds, spread, jumps).fit_shares(pool)
     if not proposal.shares.size:
         return Estimate(METHOD, 0.0, (0.0, 1.0), math.inf, 0, False, "not resolved: no failure to start from")
-    counts = (min(_AT_ONCE, samples - first) for first in range(0, samples, _AT_ONCE))
     weights = np.concatenate([_weights(margin, proposal, generator, count) for count in counts])
     return _estimate(weights, proposal, checks, confidence)
 
@@ -220,11 +221,6 @@ def _weights(margin: Margin, proposal: _Proposal, generator: np.random.Generator
     return weights
 
 
-def _plain_failures(margin: Margin, size: int, generator: np.random.Generator, samples: int) -> int:
-    counts = (min(_AT_ONCE, samples - first) for first in range(0, samples, _AT_ONCE))
-    return sum(int((margin(generator.standard_normal((size, count))) < 0).sum()) for count in counts)
-
-
 def _predict_variation(ratios: Array, probability: float, samples: int) -> float:
     """Return the coefficient of variation that failures predict from their φ/q."""
     return math.sqrt(max(float(ratios.mean()) / probability - 1, 0.0) / samples)
@@ -241,7 +237,8 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
     # fewer failures say too little of what is missed
     if checks.shape[1] >= 60:
         ratios = np.sort(1 / proposal.density(checks))[::-1]
-        count = _count_uncovered(ratios, probability, samples)
+        # failures, by descending φ/q, in regions where fewer than five samples are expected
+        count = int((np.cumsum(samples * probability / (ratios.size * ratios)) < 5.0).sum())
         missed = clopper_pearson(count, ratios.size, confidence)[1]
         if count < ratios.size:
             variation = max(variation, _predict_variation(ratios[count:], probability, samples))
@@ -261,12 +258,6 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
         )
     low, high = skewed_interval(probability, variation * probability, skewness, samples, confidence)
     return Estimate(METHOD, probability, (low, min(1.0, high / (1 - missed))), variation, samples, enough, note)
-
-
-def _count_uncovered(ratios: Array, probability: float, samples: int) -> int:
-    """Return the number of failures, by descending φ/q, in regions where fewer than five samples are expected."""
-    expected = np.cumsum(samples * probability / (ratios.size * ratios))
-    return int((expected < 5.0).sum())
 
 
 REPLICATES: Final = 12

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.monte_carlo import NOTHING_VARIES, demanded, subject
 from precision_pin.analyses.reliability.estimates import SAMPLING, in_words, rounded
-from precision_pin.analyses.reliability.form import Stratum
 from precision_pin.analyses.reliability.reliability import ReliabilityResult, SpecificationReliability
 from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import aligned
@@ -84,16 +83,15 @@ def _strata_lines(entry: SpecificationReliability) -> list[str]:
     parts = [part for part in entry.strata.parts if part.rare]
     if not parts and not entry.strata.remainder:
         return []
-    named = ", ".join(f"{_rare(part)} {part.probability:.3g}" for part in parts[:LISTED])
+    named = ", ".join(
+        f"{' and '.join(part.rare)} {part.probability:.3g}"
+        if len(part.combinations) == 1
+        else f"{len(part.combinations)} combinations of {', '.join(part.rare)} {part.probability:.3g}"
+        for part in parts[:LISTED]
+    )
     more = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
     left = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
     return [f"  rare values, each searched separately, and their probabilities  {named or 'none'}{more}{left}"]
-
-
-def _rare(part: Stratum) -> str:
-    if len(part.combinations) == 1:
-        return " and ".join(part.rare)
-    return f"{len(part.combinations)} combinations of {', '.join(part.rare)}"
 
 
 def _unresolved(entry: SpecificationReliability) -> list[str]:
