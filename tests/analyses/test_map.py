@@ -10,17 +10,10 @@ from scipy import stats
 
 import precision_pin as pp
 from precision_pin.analyses.exact_law.number_law import NormalNorm
+from precision_pin.analyses.map import first_order as first_order_module
 from precision_pin.analyses.map import map_poses
 from precision_pin.analyses.map import map_poses as map_poses_module
-from precision_pin.analyses.map.first_order import (
-    LawShapes,
-    first_order,
-    norm_probabilities,
-    norm_quantiles,
-    norm_tail_bounds,
-    norm_tail_quantiles,
-    principal_axes,
-)
+from precision_pin.analyses.map.first_order import LawShapes, first_order
 from precision_pin.analyses.map.table import map_table
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw, Scope
@@ -56,11 +49,11 @@ def test_quantiles_of_a_norm_are_those_of_the_exact_law(deviations):
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     covariance = turn @ np.diag(np.square(deviations) * 1e-6) @ turn.T
     law = NormalNorm(mean, covariance)
-    in_axes = principal_axes(mean[:, None], covariance[:, :, None])
+    in_axes = first_order_module.principal_axes(mean[:, None], covariance[:, :, None])
     for level in LEVELS:
-        value = norm_quantiles(*in_axes, level)
+        value = first_order_module.norm_quantiles(*in_axes, level)
         assert law.cumulative(value) == pytest.approx([level], abs=1e-6)
-        assert norm_probabilities(*in_axes, value) == pytest.approx([level], abs=1e-6)
+        assert first_order_module.norm_probabilities(*in_axes, value) == pytest.approx([level], abs=1e-6)
         if deviations == (1.0, 1.0, 1.0):
             chi = stats.ncx2.ppf(level, 3, mean @ mean * 1e6)
             assert value[0] == pytest.approx(1e-3 * np.sqrt(chi), rel=1e-7)
@@ -395,14 +388,14 @@ def test_tail_bounds_and_probabilities_of_a_normal_vector_by_hand(k):
     variances = np.repeat(np.array([s**2] * k + [0.0] * (3 - k))[:, None], len(lengths), axis=1)
     z = lengths[:6] ** 2 / k
     expected = np.where(z > 1, z ** (k / 2) * np.exp(k * (1 - z) / 2), 1.0)
-    found = norm_tail_bounds(variances, 0 * variances, s * lengths)
+    found = first_order_module.norm_tail_bounds(variances, 0 * variances, s * lengths)
     np.testing.assert_allclose(found[:6], expected, rtol=1e-10)
     assert (found[8:] < 1e-300).all()
-    radii = norm_tail_quantiles(variances, 0 * variances, 1e-3)
-    np.testing.assert_allclose(norm_tail_bounds(variances, 0 * variances, radii), 1e-3, rtol=1e-9)
+    radii = first_order_module.norm_tail_quantiles(variances, 0 * variances, 1e-3)
+    np.testing.assert_allclose(first_order_module.norm_tail_bounds(variances, 0 * variances, radii), 1e-3, rtol=1e-9)
     start = s * stats.chi(k).ppf(np.full(len(lengths), 0.95))
-    quantiles = norm_quantiles(variances, 0 * variances, 0.97, (0.95, start))
+    quantiles = first_order_module.norm_quantiles(variances, 0 * variances, 0.97, (0.95, start))
     np.testing.assert_allclose(quantiles, s * stats.chi(k).ppf(0.97), rtol=1e-7)
     # a limit of any size has a probability
-    shares = norm_probabilities(variances, 0 * variances, s * lengths)
+    shares = first_order_module.norm_probabilities(variances, 0 * variances, s * lengths)
     np.testing.assert_allclose(shares, stats.chi(k).cdf(lengths), atol=1e-7)

@@ -83,7 +83,7 @@ def test_r6_capacity_minus_load_as_an_arm():
 
 
 # --- rare events ---
-@pytest.mark.parametrize("size", [1, 2, 28])
+@pytest.mark.parametrize("size", [1, 28])
 def test_a_tail_of_one_in_ten_million(size):
     weights = np.ones(size) / math.sqrt(size)
 
@@ -116,24 +116,6 @@ def test_failure_on_all_sides_at_one_in_ten_million():
     assert subset.interval[0] <= 1e-7 <= subset.interval[1]
     shifted = importance_sampling(margin, 3, found.points, seed=2, samples=20_000, confidence=0.999)
     assert shifted.interval[0] <= 1e-7 <= shifted.interval[1]
-
-
-@pytest.mark.slow
-def test_uniform_numbers_in_the_far_tail():
-    """Six uniform numbers, Irwin-Hall: |x| above 5 of 6 half-widths are two corners of the cube, 2·0.5⁶/6!."""
-    half = 1e-3
-    model = slides([(1, 0, 0)] * 6, [laws.Uniform(half)] * 6)
-    exact = 2 * 0.5**6 / math.factorial(6)
-    found = of_x(model, 5.0 * half, 0.999, samples=20_000, confidence=0.999)  # half a width from the corner
-    rare = [estimate for estimate in found.estimates if estimate.method != "sampling"]
-    assert len(rare) == 2
-    for estimate in rare:
-        assert estimate.resolved
-        assert estimate.interval[0] <= exact <= estimate.interval[1]
-    assert found.resolved
-    assert len(found.form.points) == 2
-    assert found.best.method != "sampling"
-    assert "FORM" in found.disagreements[0]
 
 
 def test_nothing_found_is_said():

@@ -22,33 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.analyses.budget.budget_result import (
-    VECTORS,
-    BudgetResult,
-    DrawShare,
-    Estimate,
-    Group,
-    Halved,
-    PlaceShare,
-    PoseBudget,
-    Sums,
-)
-from precision_pin.analyses.budget.shares import (
-    COMPONENTS,
-    ROUNDING,
-    SourceLine,
-    by_draw,
-    by_place,
-    component_shares,
-    correlated_groups,
-    deviations_of,
-    group_part,
-    reaches,
-    shares_of,
-    source_lines,
-    source_shares,
-    worst_case_shares,
-)
+from precision_pin.analyses.budget import budget_result
+from precision_pin.analyses.budget import shares as closed_form
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, half_widths, jackknife, law_breaks
 from precision_pin.analyses.result import list_warnings
@@ -73,10 +48,13 @@ MARKED: Final = 0.95
 
 NORMS: Final = tuple(QUANTITIES[row] for row in NORM_ROWS)
 
-SAMPLED: Final = (*VECTORS, *QUANTITIES)
-_NOTHING: Final = Estimate(0.0, (0.0, 0.0))
+SAMPLED: Final = (*budget_result.VECTORS, *QUANTITIES)
+_NOTHING: Final = budget_result.Estimate(0.0, (0.0, 0.0))
 _TOGETHER: Final = np.array(
-    [[float(quantity in COMPONENTS and quantity.startswith(vector)) for quantity in QUANTITIES] for vector in VECTORS]
+    [
+        [float(quantity in closed_form.COMPONENTS and quantity.startswith(vector)) for quantity in QUANTITIES]
+        for vector in budget_result.VECTORS
+    ]
     + [[float(quantity == other) for other in QUANTITIES] for quantity in QUANTITIES]
 )
 
@@ -117,7 +95,7 @@ class SampledBudget:
             points[size:],
             [np.concatenate([np.arange(size)[slices[draw]] for draw in groups[k]]) for k in self.sampled],
             outputs=_TOGETHER,
-            smallest=ROUNDING**2,
+            smallest=closed_form.ROUNDING**2,
             confidence=confidence,
             breaks=law_breaks(at.space),
         )
@@ -137,18 +115,20 @@ class SampledBudget:
     def _norms(self, x: Array) -> Array:
         return quantity_values(self._errors(x))[list(NORM_ROWS)]
 
-    def halve(self, draw: int) -> Halved:
+    def halve(self, draw: int) -> budget_result.Halved:
         """Return the effect of halving a draw's deviation from its mean, with the same random numbers otherwise."""
         rows = self.at.space.slices[draw]
         factors = np.ones(self.at.space.size)
         factors[rows] = 0.5
-        std = deviations_of(self.at.space.block_covariance.variances_of(self.at.jacobian * factors))
+        std = closed_form.deviations_of(self.at.space.block_covariance.variances_of(self.at.jacobian * factors))
         if not self.random[draw]:
-            return Halved(std, dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, _NOTHING))
+            return budget_result.Halved(
+                std, dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, _NOTHING)
+            )
         halved, unseen = self._norms(self._with_half(self.x, rows)), self._estimate_unseen_change(rows)
         found = quantile_changes(halved, self.known, MARKED, self.confidence, unseen)
         values, changes = (dict(zip(NORMS, _estimates(one), strict=True)) for one in found)
-        return Halved(std, values, changes)
+        return budget_result.Halved(std, values, changes)
 
     def _with_half(self, x: Array, rows: slice) -> Array:
         result = x.copy()
@@ -162,35 +142,37 @@ class SampledBudget:
         x = self.nodes[:, nodes]
         return np.abs(self._norms(self._with_half(x, rows)) - self._norms(x)) @ weights
 
-    def groups(self, shares: Array, variances: Array) -> tuple[Group, ...]:
+    def groups(self, shares: Array, variances: Array) -> tuple[budget_result.Group, ...]:
         """Return indices and closed-form share of every group."""
         names = [draw.name for draw in self.at.space.draws]
         spreads = zip(SAMPLED, self.indices.varies.tolist(), strict=True)
         none = {quantity: _NOTHING if spread else None for quantity, spread in spreads}
         result = []
         for k, group in enumerate(self.group_draws):
-            closed = shares_of(group_part(self.at, group, shares), variances)
+            closed = closed_form.shares_of(closed_form.group_part(self.at, group, shares), variances)
             first = self._row(self.indices.first, k) if k in self.sampled else none
             total = self._row(self.indices.total, k) if k in self.sampled else none
             nonlinear = tuple(one for one in closed if _differs(closed[one], first[one], total[one]))
-            result.append(Group(tuple(names[draw] for draw in group), closed, first, total, nonlinear))
+            result.append(budget_result.Group(tuple(names[draw] for draw in group), closed, first, total, nonlinear))
         return tuple(result)
 
-    def sums(self, shares: Array, variances: Array) -> dict[str, Sums]:
+    def sums(self, shares: Array, variances: Array) -> dict[str, budget_result.Sums]:
         """Return the sum checks of every quantity."""
-        parts = [group_part(self.at, group, shares) for group in self.group_draws]
-        closed = shares_of(np.sum(parts, axis=0) if parts else np.zeros(6), variances)
-        deviations = deviations_of(variances)
+        parts = [closed_form.group_part(self.at, group, shares) for group in self.group_draws]
+        closed = closed_form.shares_of(np.sum(parts, axis=0) if parts else np.zeros(6), variances)
+        deviations = closed_form.deviations_of(variances)
         first = _by_quantity(self.indices.first_sum)
         variance = _by_quantity(self.indices.variance)
-        return {one: Sums(closed.get(one), first[one], deviations.get(one), variance[one]) for one in SAMPLED}
+        return {
+            one: budget_result.Sums(closed.get(one), first[one], deviations.get(one), variance[one]) for one in SAMPLED
+        }
 
-    def _row(self, estimates: Estimates, group: int) -> dict[str, Estimate | None]:
+    def _row(self, estimates: Estimates, group: int) -> dict[str, budget_result.Estimate | None]:
         k = self.sampled.index(group)
         return _by_quantity(Estimates(estimates.value[k], estimates.half_width[k], estimates.replicate_variance[k]))
 
 
-def _differs(closed: float | None, first: Estimate | None, total: Estimate | None) -> bool:
+def _differs(closed: float | None, first: budget_result.Estimate | None, total: budget_result.Estimate | None) -> bool:
     if first is None or total is None:
         return False
     shares = 0.0 if closed is None else closed
@@ -199,15 +181,15 @@ def _differs(closed: float | None, first: Estimate | None, total: Estimate | Non
     return any(abs(index.value - shares) > 0.01 + index.half_width for index in (first, total))
 
 
-def _by_quantity(estimates: Estimates) -> dict[str, Estimate | None]:
+def _by_quantity(estimates: Estimates) -> dict[str, budget_result.Estimate | None]:
     return dict(zip(SAMPLED, _estimates(estimates), strict=True))
 
 
-def _estimates(estimates: Estimates) -> list[Estimate | None]:
+def _estimates(estimates: Estimates) -> list[budget_result.Estimate | None]:
     return [
         None
         if np.isnan(value) or np.isnan(half)
-        else Estimate(float(value), (float(value - half), float(value + half)))
+        else budget_result.Estimate(float(value), (float(value - half), float(value + half)))
         for value, half in zip(estimates.value, estimates.half_width, strict=True)
     ]
 
@@ -231,7 +213,7 @@ def budget(
     bound_at: float | None = None,
     findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
-) -> BudgetResult:
+) -> budget_result.BudgetResult:
     """Return the error budget at one or several poses.
 
     Args:
@@ -257,9 +239,9 @@ def budget(
     check_number(f"{name}, in standard deviations,", k, "positive and finite", lambda value: value > 0)
     _check_cost(error_model.space, samples)
     with steps_to(progress, count_steps(error_model.space, len(chosen), samples), "robots") as step:
-        lines = source_lines(error_model)
+        lines = closed_form.source_lines(error_model)
         found = tuple(_at_pose(error_model, lines, one, seed, samples, confidence, k, step) for one in chosen)
-    return BudgetResult(
+    return budget_result.BudgetResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
@@ -298,7 +280,7 @@ def _check_cost(space: Space, samples: int) -> None:
 def evaluations(space: Space, samples: int) -> int:
     """Return the number of robots that a budget evaluates at a pose."""
     random = list_random_draws(space)
-    groups = sum(any(random[draw] for draw in group) for group in correlated_groups(space))
+    groups = sum(any(random[draw] for draw in group) for group in closed_form.correlated_groups(space))
     # two sets of points; for each group two more with its numbers exchanged; one unchanged; one for each halved draw
     return samples * (2 + 2 * groups + 1 + sum(random))
 
@@ -325,14 +307,14 @@ def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:
 
 def _at_pose(
     error_model: ErrorModel,
-    lines: Sequence[SourceLine],
+    lines: Sequence[closed_form.SourceLine],
     pose: Pose,
     seed: int,
     samples: int,
     confidence: float,
     k: float,
     step: Callable[[int], None],
-) -> PoseBudget:
+) -> budget_result.PoseBudget:
     try:
         with np.errstate(over="raise"):
             at = error_model.at(pose)
@@ -341,25 +323,25 @@ def _at_pose(
         raise InputError(
             "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
-    shares, reach = by_draw(at), reaches(at, k)
-    sampled = SampledBudget(at, correlated_groups(at.space), seed, samples, confidence, step)
+    shares, reach = closed_form.by_draw(at), closed_form.reaches(at, k)
+    sampled = SampledBudget(at, closed_form.correlated_groups(at.space), seed, samples, confidence, step)
     halved = [sampled.halve(k) for k in range(len(at.space.draws))]
     found = *at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at)
-    return PoseBudget(
+    return budget_result.PoseBudget(
         pose=PoseLabel.of(error_model, pose, at),
         nominal=tuple(map(float, at.tangent[0])),
-        std=deviations_of(variances),
+        std=closed_form.deviations_of(variances),
         quantile=dict(zip(NORMS, sampled.quantiles, strict=True)),
-        reach=dict(zip(COMPONENTS, map(float, reach.sum(axis=0)), strict=True)),
+        reach=dict(zip(closed_form.COMPONENTS, map(float, reach.sum(axis=0)), strict=True)),
         draws=tuple(
-            DrawShare(
+            budget_result.DrawShare(
                 name=draw.name,
                 scope=draw.scope.value,
                 unbounded=not np.isfinite([draw.law.support(w) for w in at.jacobian[:, columns]]).all(),
-                share=shares_of(shares[k], variances),
-                components=component_shares(at, k, variances),
-                reach=dict(zip(COMPONENTS, reach[k].tolist(), strict=True)),
-                worst_case=worst_case_shares(reach[k], reach.sum(axis=0)),
+                share=closed_form.shares_of(shares[k], variances),
+                components=closed_form.component_shares(at, k, variances),
+                reach=dict(zip(closed_form.COMPONENTS, reach[k].tolist(), strict=True)),
+                worst_case=closed_form.worst_case_shares(reach[k], reach.sum(axis=0)),
                 halved=halved[k],
                 words=error_model.draw_words[k],
                 tolerance=draw.tolerance,
@@ -367,9 +349,10 @@ def _at_pose(
             for k, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True))
         ),
         groups=sampled.groups(shares, variances),
-        sources=source_shares(at, lines, shares, variances),
+        sources=closed_form.source_shares(at, lines, shares, variances),
         places=tuple(
-            PlaceShare(name, shares_of(part, variances)) for name, part in by_place(at, error_model.chain).items()
+            budget_result.PlaceShare(name, closed_form.shares_of(part, variances))
+            for name, part in closed_form.by_place(at, error_model.chain).items()
         ),
         sums=sampled.sums(shares, variances),
         warnings=tuple(map(str, (*found, *exact_findings_at(error_model, at)))),

@@ -14,19 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.exact_law.number_law import (
-    MOST_PIECES,
-    MOST_TERMS,
-    ConvolvedLaw,
-    NormalLaw,
-    NormalNorm,
-    NumberLaw,
-    SeriesLaw,
-    SingleLaw,
-    Summand,
-    certified_series,
-    quantile_bounds,
-)
+from precision_pin.analyses.exact_law import number_law
 from precision_pin.analyses.monte_carlo import answer_of, subject
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.result import Result, list_warnings, name_pose
@@ -110,7 +98,7 @@ class ExactLaw:
     """
 
     quantity: str
-    law: NumberLaw | None
+    law: number_law.NumberLaw | None
     reason: str = ""
     mean: float | None = None
     std: float | None = None
@@ -416,13 +404,15 @@ class _Share:
         return -self.law.support(-self.weights) - middle, self.law.support(self.weights) - middle
 
     @property
-    def summand(self) -> Summand:
+    def summand(self) -> number_law.Summand:
         """Bounds for the series; for a user-defined law the only known bound of |φ| is 1."""
         part = self.part
         if part is not None:
-            return Summand(part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error)
+            return number_law.Summand(
+                part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error
+            )
         ends = self.ends
-        return Summand(lambda score: ends, True, np.ones_like, self._characteristic, _UNKNOWN_ERROR)
+        return number_law.Summand(lambda score: ends, True, np.ones_like, self._characteristic, _UNKNOWN_ERROR)
 
     def _characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         """Return E exp(i ω w·(x - mean))."""
@@ -469,26 +459,26 @@ _TOO_MANY: Final = (
 _UNKNOWN_ERROR: Final = 1e-13
 
 
-def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> NumberLaw | str:
+def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> number_law.NumberLaw | str:
     if not shares:
-        return NormalLaw(mean, bell_std)
+        return number_law.NormalLaw(mean, bell_std)
     parts = [share.part for share in shares if share.part is not None]
     if not bell_std and len(parts) == len(shares) <= 2:
         if len(parts) == 1:
-            return SingleLaw(mean, parts[0])
-        pair = ConvolvedLaw.of(mean, *parts)
-        if pair.pieces <= MOST_PIECES:
+            return number_law.SingleLaw(mean, parts[0])
+        pair = number_law.ConvolvedLaw.of(mean, *parts)
+        if pair.pieces <= number_law.MOST_PIECES:
             return pair
     low, high = (sum(share.ends[side] for share in shares) for side in (0, 1))
     if not math.isfinite(low) or not math.isfinite(high):
         return "a law defined outside precision-pin has no bounds"
 
-    series = certified_series(mean, bell_std, [share.summand for share in shares], LARGEST_ERROR)
-    if isinstance(series, SeriesLaw):
+    series = number_law.certified_series(mean, bell_std, [share.summand for share in shares], LARGEST_ERROR)
+    if isinstance(series, number_law.SeriesLaw):
         return series
     if math.isinf(series):
         return _UNCERTIFIED
-    return _TOO_MANY.format(terms=MOST_TERMS, error=series, largest=LARGEST_ERROR)
+    return _TOO_MANY.format(terms=number_law.MOST_TERMS, error=series, largest=LARGEST_ERROR)
 
 
 def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> ExactLaw:
@@ -509,7 +499,7 @@ def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> Ex
     if others:
         named = ", ".join(others[:2]) + (f" and {len(others) - 2} more" if len(others) > 2 else "")
         return ExactLaw(quantity, None, f"not available: only of normal draws, and these are not: {named}")
-    law = NormalNorm(error[rows], covariance)
+    law = number_law.NormalNorm(error[rows], covariance)
     mean, std = law.moments
     known = ExactLaw(quantity, law, mean=mean, std=std, contributors=1, error=law.error)
     return _with_samples(known, np.linalg.norm(sampled[rows], axis=0), confidence)
@@ -519,12 +509,14 @@ def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLa
     assert known.law is not None
     assert known.std is not None
     quantiles = tuple(known.law.quantile(p) for p in LEVELS)
-    bounds = quantile_bounds(known.law, np.array(LEVELS), np.array(quantiles))
+    bounds = number_law.quantile_bounds(known.law, np.array(LEVELS), np.array(quantiles))
     agreement = agreement_of(known.law, np.sort(sampled), confidence, known.std)
     return replace(known, quantiles=quantiles, quantile_errors=tuple(bounds.tolist()), agreement=agreement)
 
 
-def agreement_of(law: NumberLaw, rising: Array, confidence: float, std: float, effort: float = _EFFORT) -> Agreement:
+def agreement_of(
+    law: number_law.NumberLaw, rising: Array, confidence: float, std: float, effort: float = _EFFORT
+) -> Agreement:
     """Return the distance of sorted samples ``(N,)`` from a law with this standard deviation.
 
     Only every m-th sample is compared, with m chosen by the evaluation time of the law. Both cumulative laws are
