@@ -311,7 +311,10 @@ NAMED = {
     # what a name that could not be read stands for, rare loops, what is left uncertain, geometric errors of one size
     *("sheet/reader.py", "kernel/arrays.py", "draws/space.py", "model/error_model.py"),
     # the physics of a source says what its own draws follow
-    *(f"sources/{name}.py" for name in ["axis_install", "backlash", "clearance", "covariance", "encoder", "periodic", "table"]),
+    *(
+        f"sources/{name}.py"
+        for name in ["axis_install", "backlash", "clearance", "covariance", "encoder", "periodic", "table"]
+    ),
 }
 """Files outside draws/laws that name a law, to draw from it."""
 

@@ -22,7 +22,7 @@ import precision_pin as pp
 from precision_pin import ErrorModel, InputError, Space, Uniform, sources
 from precision_pin.base import units
 from precision_pin.cli import main
-from precision_pin.pages.report.sections import parameters
+from precision_pin.pages.report.page import parameters
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import catalogue
 from support.package_code import FILES, PACKAGE, import_statements, tree

@@ -20,7 +20,7 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.tangents import tangents
+from precision_pin.model.pose_model import tangents
 
 # unit of each number of a cost, in terms of the tolerance's unit; empty for a pure number
 _UNITS: Final[Mapping[str, tuple[str, ...]]] = {

@@ -45,8 +45,7 @@ from precision_pin.statistics import (
     format_inside,
     quantile_ranks,
 )
-from precision_pin.statistics.digits import format_interval
-from precision_pin.statistics.intervals import Moments
+from precision_pin.statistics.intervals import Moments, format_interval
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 if TYPE_CHECKING:

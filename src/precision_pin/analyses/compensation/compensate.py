@@ -22,7 +22,7 @@ from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.tangents import tangents
+from precision_pin.model.pose_model import tangents
 from precision_pin.model.verdict_grounds import strained_findings
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, milli

@@ -18,8 +18,8 @@ from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
 from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
-from precision_pin.statistics.digits import format_interval
 from precision_pin.statistics.distribution import CONTENTS
+from precision_pin.statistics.intervals import format_interval
 
 if TYPE_CHECKING:
     from precision_pin.analyses.provenance import PoseLabel, Provenance

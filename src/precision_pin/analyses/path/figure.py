@@ -28,7 +28,6 @@ from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figur
 from precision_pin.render.html import escaped, items, paragraph, section, table
 from precision_pin.render.scene import Chapter, Scene
 from precision_pin.render.tables import symbol
-from precision_pin.statistics.intervals import format_inside, format_interval
 from precision_pin.robot.pose_set import PoseSet
 
 _MOST_NAMED: Final = 12

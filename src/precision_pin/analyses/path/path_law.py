@@ -40,8 +40,7 @@ from precision_pin.sampling.workers import in_order
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult
 from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks
 from precision_pin.statistics.plan import Specifications, listed_specifications
-from precision_pin.statistics.summary import NO_SPREAD
-from precision_pin.statistics.verdicts import NO_GROUNDS, Grounds
+from precision_pin.statistics.summary import NO_GROUNDS, NO_SPREAD, Grounds
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

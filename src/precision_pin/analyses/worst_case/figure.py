@@ -33,7 +33,7 @@ def content(result: WorstCaseResult, results: Results) -> list[Child]:
     """Return the bounds of the first-order model, the largest exact error found, and their contributions."""
     pose = result.poses[0]
     norms = (pose.position, pose.attitude)
-    chart = inline_figure(
+    chart = figure_style.inline_figure(
         figure(result, 0, {bound.quantity: _entries(bound, results, _BARS) for bound in norms}),
         f"{results.prefix}worst-case",
         f"How the draws add up to the worst case: {'; '.join(_described(bound, results) for bound in norms)}",

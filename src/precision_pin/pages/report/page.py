@@ -10,8 +10,8 @@ import shlex
 from collections.abc import Iterable, Sequence
 
 from precision_pin.analyses.collect import Missing, Results
+from precision_pin.analyses.monte_carlo import pose_text
 from precision_pin.analyses.monte_carlo.section import describe_verdict, distributions, specifications
-from precision_pin.analyses.monte_carlo.table import pose_text
 from precision_pin.analyses.registry import declarations
 from precision_pin.base.units import Quantity
 from precision_pin.base.versions import versions
