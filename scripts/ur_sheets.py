@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 import precision_pin as pp
-from precision_pin.analyses.calibration.factory import FactoryCalibration
+from precision_pin.analyses.calibration.population import FactoryCalibration
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.files import write_text

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from precision_pin.analyses.budget.budget import budget as budget
     from precision_pin.analyses.calibration.calibrate import calibrate as calibrate
     from precision_pin.analyses.calibration.design import identifiability as identifiability
-    from precision_pin.analyses.calibration.factory import ur_calibration as ur_calibration
     from precision_pin.analyses.calibration.forecast import forecast_calibration as forecast_calibration
     from precision_pin.analyses.calibration.plan import plan_calibration as plan_calibration
     from precision_pin.analyses.calibration.population import population as population
+    from precision_pin.analyses.calibration.population import ur_calibration as ur_calibration
     from precision_pin.analyses.compare.compare import compare as compare
     from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
@@ -84,10 +84,9 @@ _NAMES: Final = {
     "analyses.budget.budget": "budget",
     "analyses.calibration.calibrate": "calibrate",
     "analyses.calibration.design": "identifiability",
-    "analyses.calibration.factory": "ur_calibration",
     "analyses.calibration.forecast": "forecast_calibration",
     "analyses.calibration.plan": "plan_calibration",
-    "analyses.calibration.population": "population",
+    "analyses.calibration.population": "population ur_calibration",
     "analyses.compare.compare": "compare",
     "analyses.compensation.compensate": "compensate",
     "analyses.exact_law.exact_law": "exact_law",

@@ -15,8 +15,7 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.data import fit_zeros, read_data, refuse_reversed
-from precision_pin.analyses.calibration.forecast import contact_poses, simulate_calibrations
-from precision_pin.analyses.calibration.posterior import interval_after
+from precision_pin.analyses.calibration.forecast import contact_poses, interval_after, simulate_calibrations
 from precision_pin.base import se3
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.laws import Law

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
+from precision_pin.analyses.calibration.calibrate import LeftOutShare, gain_interval
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means, stations_of
-from precision_pin.analyses.calibration.fit import Problem, leave_out
-from precision_pin.analyses.calibration.residuals import LeftOutShare, Likelihood, gain_interval, largest_likelihood
+from precision_pin.analyses.calibration.fit import Likelihood, Problem, largest_likelihood, leave_out
 from precision_pin.draws.draw import Scope
 from precision_pin.sources import JointOffset
 

@@ -121,7 +121,7 @@ def _writer(path: str | None, write: Callable[[Any], object]) -> Callable[[Any],
 
 
 def _factory(asked: Asked, model: ErrorModel) -> Job:
-    from precision_pin.analyses.calibration.factory import ur_calibration
+    from precision_pin.analyses.calibration.population import ur_calibration
 
     path = asked.options["urdf"]
     run = partial(ur_calibration, asked.options["factory"], model)

@@ -13,14 +13,13 @@ from typing import Any, ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import sparse, spatial, stats
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
-from precision_pin.analyses.calibration import residuals as judgement
 from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data
-from precision_pin.analyses.calibration.posterior import (
-    LEVEL,
+from precision_pin.analyses.calibration.fit import LEVEL
+from precision_pin.analyses.calibration.forecast import (
     PosesOutcome,
     Posterior,
     errors_left,
@@ -41,6 +40,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import ELSEWHERE
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.sheet.text import read_text
+from precision_pin.statistics import clopper_pearson
 
 _GROSS: Final = 1e-3
 """Probability that any right reading of a set is taken for a gross error."""
@@ -116,7 +116,7 @@ class CalibrationResult(PosesOutcome):
     has_prior: bool
     posterior: Posterior
     without_bounds: Array
-    set_ups: tuple[fitting.SetUp, ...]
+    set_ups: tuple[design.SetUp, ...]
     chi_square: float
     degrees_of_freedom: int
     residuals: Array
@@ -124,8 +124,8 @@ class CalibrationResult(PosesOutcome):
     left_out: Array
     std_left_out: Array
     std_predicted: Array
-    improvement: judgement.Improvement | None
-    noise: Mapping[str, judgement.EstimatedStd]
+    improvement: Improvement | None
+    noise: Mapping[str, fitting.EstimatedStd]
     repeated: int
     gross_errors: tuple[GrossError, ...]
     at_bounds: tuple[str, ...]
@@ -135,7 +135,7 @@ class CalibrationResult(PosesOutcome):
     steps: int
 
     @property
-    def set_up(self) -> fitting.SetUp:
+    def set_up(self) -> design.SetUp:
         """The set-up of the first measurement as estimated."""
         return self.set_ups[0]
 
@@ -147,7 +147,7 @@ class CalibrationResult(PosesOutcome):
     @property
     def probability(self) -> float | None:
         """Probability that a right model gives a larger chi-square; ``None`` where a std was tuned to the model's residuals."""
-        return judgement.chance_of(self.chi_square, self.degrees_of_freedom, self.noise, self.repeated)
+        return fitting.chance_of(self.chi_square, self.degrees_of_freedom, self.noise, self.repeated)
 
     @property
     def verdict(self) -> Verdict:
@@ -291,20 +291,20 @@ def calibrate(
     fitted, held = _held(model, only)
     given, bases, whole = measured_problem(fitted, data, measurements)
     tasks = design.task_poses(fitted, at, given.q)
-    noise: dict[str, judgement.EstimatedStd] = {}
+    noise: dict[str, fitting.EstimatedStd] = {}
     if whole.unknown_deviations:
         given, (whole, used, best, distances), noise = _with_std(whole, given, has_prior=prior)
     else:
         used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     repeated = sum(labels.size - np.unique(labels).size for labels in used.labels)
-    chance = judgement.chance_of(best.chi_square, best.degrees_of_freedom, noise, repeated)
+    chance = fitting.chance_of(best.chi_square, best.degrees_of_freedom, noise, repeated)
     residuals = whole.residuals(best.z, best.nuisances)
-    groups = judgement.groups_of(given, np.array(model.chain.prismatic))
+    groups = groups_of(given, np.array(model.chain.prismatic))
     without = fitting.leave_out(used, best.estimator, best.local, best.residuals, groups)
-    alone = judgement.SetUpAlone.of(used)
+    alone = SetUpAlone.of(used)
     repeats = (one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats")
-    of_column, known = bool(given.group.size), min(repeats, default=judgement.SURE)
-    improvement = judgement.judge(used, best, without, alone, groups, of_column=of_column, known=known)
+    of_column, known = bool(given.group.size), min(repeats, default=SURE)
+    improvement = judge(used, best, without, alone, groups, of_column=of_column, known=known)
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
@@ -325,7 +325,7 @@ def calibrate(
         without_bounds=unit.values(best.without_bounds),
         identifiability=seen,
         set_ups=tuple(
-            fitting.SetUp.of(part, base, best.nuisances[columns], variances[columns])
+            design.SetUp.of(part, base, best.nuisances[columns], variances[columns])
             for part, base, columns in zip(given.measurements, bases, used.instruments.columns, strict=True)
         ),
         chi_square=best.chi_square,
@@ -353,8 +353,8 @@ def calibrate(
             *design.remarks_on(seen),
             *(() if prior else design.rank_findings(seen)),
             *fitting.doubt_model(used, best, chance, has_prior=prior),
-            *judgement.doubt_std(noise),
-            *judgement.doubt_improvement(improvement),
+            *fitting.doubt_std(noise),
+            *doubt_improvement(improvement),
         ),
     )
 
@@ -396,18 +396,18 @@ def _with_std(
 ) -> tuple[
     CalibrationData,
     tuple[fitting.Problem, fitting.Problem, fitting.Fit, dict[int, float]],
-    dict[str, judgement.EstimatedStd],
+    dict[str, fitting.EstimatedStd],
 ]:
     """Return data, problem, fit as :func:`without_gross_errors` does, and the deviations, estimated where the fit has settled."""
     kinds = whole.unknown_deviations
     used, z, nuisances = whole, np.zeros(whole.unit.root.shape[1]), whole.start
     for _ in range(_ROUNDS):
-        found = judgement.estimate_std(used, z, nuisances, kinds, has_prior=has_prior)
+        found = fitting.estimate_std(used, z, nuisances, kinds, has_prior=has_prior)
         factors = np.ones(whole.readings.shape)
         for name, (factor, _) in found.items():
             factors[kinds[name]] = factor
         whole = replace(whole, deviations=whole.deviations * factors)
-        judgement.refuse_noise(whole, found["std"][1], data.file)
+        fitting.refuse_noise(whole, found["std"][1], data.file)
         used, best, gross = without_gross_errors(whole, data, has_prior=has_prior)
         z, nuisances = best.z, best.nuisances
         if np.abs(np.log(factors)).max() < _STD_SETTLED:
@@ -469,82 +469,6 @@ def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, 
 Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
 
 
-class WorstReadings(NamedTuple):
-    """K readings, that with the largest residual of its lengths first, base axes.
-
-    Attributes:
-        rows, lines, labels: Their indices in the data, ``(K,)``, their rows in the file, from 1, and in words.
-        points: Place of the target where the calibrated arm predicts it, m, ``(3, K)``.
-        after, before, sizes: Residual after and before, m, ``(3, K)``: of a distance along the line of sight, of a
-            height along the normal; before in the axes of the first guess of a free base. Lengths of ``after``,
-            ``(K,)``.
-        deviations, is_gross: Residual in standard deviations (gross: in a fit without it); whether it has no weight.
-        anchor: Where distances are measured from, m, ``(3,)``; ``None`` for other readings and several measurements.
-    """
-
-    rows: NDArray[np.intp]
-    lines: tuple[int, ...]
-    labels: tuple[str, ...]
-    points: Array
-    after: Array
-    before: Array
-    sizes: Array
-    deviations: Array
-    is_gross: NDArray[np.bool_]
-    anchor: Array | None
-
-    @classmethod
-    def of(cls, result: CalibrationResult, most: int) -> WorstReadings:
-        """Return the worst readings of a calibration, ``most`` of them or all."""
-        sizes = np.linalg.norm(result.residuals[:, :3], axis=1)
-        rows = np.argsort(-sizes, kind="stable")[:most]
-        data, known = result.data, _known(result)
-        points, after, before = np.zeros((3, 3, rows.size))
-        deviations = np.zeros(rows.size)
-        chosen = replace(
-            data, q=data.q[:, rows], readings=data.readings[rows], part=data.part[rows], visit=np.arange(rows.size)
-        )
-        for station in fitting.stations_of_data(result.original, chosen):
-            pose, error = station.at.posture.pose, station.at.exact(result.components[:, None])
-            for k in station.rows:
-                row = int(rows[k])
-                given, own = data.measurements[data.part[row]], known[data.part[row]]
-                place = result.set_ups[data.part[row]].base
-                point = Measurement(target=own.target).predict(pose, error, np.zeros((0, 1)))[:, 0]
-                slopes = own.slopes(pose, error[:, 0], np.zeros(0))
-                directions = np.eye(3)
-                if own.place is not None:
-                    nominal = pose[:3, 3] + pose[:3, :3] @ given.target
-                    directions = own.place.slopes(point, np.zeros(len(own.place.names)), nominal)[0]
-                points[:, k] = point
-                after[:, k] = result.residuals[row, : len(directions)] @ directions
-                before[:, k] = result.residuals_before[row, : len(directions)] @ directions
-                if place is not None:
-                    after[:, k] = (data.readings[row, :3] - place[:3, 3]) @ place[:3, :3] - point
-                scale = data.std[row] / given.std if data.std.size else 1.0
-                one_visit = np.zeros(given.size, dtype=np.intp)
-                noise = station.noise(slopes.error, (scale * given.deviations) ** 2, one_visit)
-                residual = result.residuals[row, : given.size].copy()
-                residual[:3] = after[:, k] if own.place is None else residual[:3]
-                deviations[k] = np.sqrt(residual @ np.linalg.solve(noise, residual))
-        gross = {error.reading: error.deviations for error in result.gross_errors}
-        lines, labels = tuple(data.lines[row] for row in rows), tuple(data.label(row) for row in rows)
-        is_gross = np.isin(rows, list(gross))
-        deviations = np.array([*map(gross.get, rows.tolist(), deviations.tolist())])
-        anchor = result.set_up.anchor if len(data.measurements) == 1 else None
-        return cls(rows, lines, labels, points, after, before, sizes[rows], deviations, is_gross, anchor)
-
-
-def _known(result: CalibrationResult) -> list[Measurement]:
-    """Return the measurements with their set-ups as estimated, in base axes."""
-    known = []
-    for measurement, found in zip(result.data.measurements, result.set_ups, strict=True):
-        places = {name: getattr(found, name) for name in ("target", "anchor", "plane", "sockets")}
-        given = {name: place.tolist() for name, place in places.items() if place is not None}
-        known.append(replace(measurement, base="known", target_known=True, **given))
-    return known
-
-
 _LARGEST: Final = 4 * 2**20
 _ROBOT: Final = re.compile(r"^robot[ \t]*:.*\n?", re.MULTILINE)
 _KEY: Final = re.compile(r"^calibrated[ \t]*:.*\n?", re.MULTILINE)
@@ -588,3 +512,206 @@ def _names_tables(data: object) -> bool:
     if isinstance(data, dict):
         return "file" in data or any(map(_names_tables, data.values()))
     return isinstance(data, list) and any(map(_names_tables, data))
+
+
+FEWEST: Final = 4
+"""Groups below which nothing is said of the improvement."""
+_SAME_POSE: Final = (1e-3, 1e-4)
+"""Difference of joint values (rad, m) up to which two poses are the same: they are left out together."""
+_SETTLED: Final = 1e-9
+SURE: Final = 1e9
+"""Degrees of freedom of a standard deviation that is known."""
+_TOLD: Final = 1.5
+"""How many times too small deviations may be that are called honest."""
+
+
+@final
+@dataclass(frozen=True)
+class LeftOutShare(Record):
+    """How far off left-out readings are against their own covariance, and the share of them within its 95 % ellipsoid.
+
+    ``ratio`` is the root mean square of their sizes in standard deviations, 1 where these are right, with the chi-square
+    interval; the share has that of Clopper and Pearson; both for as many independent trials as the groups are worth. The
+    ratio gives the verdict: ``honest`` where its interval holds 1, ``undecided`` where it passes 1.5 too.
+    """
+
+    KEYS: ClassVar[Keys] = ("verdict", "ratio", "ratio_interval", "within", "interval", "probability")
+    probability: ClassVar[float] = LEVEL
+
+    ratio: float
+    ratio_interval: tuple[float, float]
+    within: float
+    interval: tuple[float, float]
+
+    @classmethod
+    def of(cls, squares: Array, sizes: NDArray[np.intp], trials: float, known: float = SURE) -> LeftOutShare:
+        """Return that of readings ``(P,)`` of so many numbers and squared sizes, worth so many independent trials.
+
+        ``known`` are the degrees of freedom that the standard deviation rests on.
+        """
+        within = float((squares <= stats.chi2.ppf(LEVEL, sizes)).mean())
+        ratio, free = float((squares / sizes).mean()), trials * float(sizes.mean())
+        ends = [ratio / float(stats.f.isf(side, free, known)) for side in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
+        low, high = np.sqrt(ends).tolist()
+        return cls(float(np.sqrt(ratio)), (low, high), within, clopper_pearson(within * trials, trials, LEVEL))
+
+    @property
+    def verdict(self) -> Literal["over-confident", "honest", "over-cautious", "undecided"]:
+        """Whether the deviations are too small, or too large, or too few poses tell."""
+        low, high = self.ratio_interval
+        if low > 1:
+            return "over-confident"
+        if high < 1:
+            return "over-cautious"
+        return "honest" if high <= _TOLD else "undecided"
+
+
+@final
+@dataclass(frozen=True)
+class Improvement(Record):
+    """Root mean square lengths (m) of left-out readings by base and target alone, and by the calibrated arm.
+
+    Attributes:
+        before, after: Of readings left out of the fit of base and target alone, the arm at the sheet's means; and of
+            the calibration.
+        interval: 95 % interval of the gain, ``before - after``, at a pose drawn as those measured were; ``None`` of too
+            few groups.
+        residual_before: Of readings in the fit of base and target alone.
+        groups, grouped_by, readings: Groups that are left out one after another, ``poses`` or ``groups`` of the data's
+            column, and their readings.
+        share: How far off they are against their deviations, and how many lie within.
+    """
+
+    KEYS: ClassVar[Keys] = (
+        *("verdict", "before", "after", "gain", "interval", "probability", "residual_before", "groups", "grouped_by"),
+        *("readings", "share"),
+    )
+    probability: ClassVar[float] = LEVEL
+
+    before: float
+    after: float
+    interval: tuple[float, float] | None
+    residual_before: float
+    groups: int
+    grouped_by: Literal["poses", "groups"]
+    readings: int
+    share: LeftOutShare
+
+    @property
+    def gain(self) -> float:
+        """What the calibration takes off, m."""
+        return self.before - self.after
+
+    @property
+    def verdict(self) -> Literal["helps", "not shown to help", "makes unseen poses worse"]:
+        """Whether the interval of the gain is above zero, or below."""
+        if self.interval is not None and self.interval[1] < 0:
+            return "makes unseen poses worse"
+        return "helps" if self.interval is not None and self.interval[0] > 0 else "not shown to help"
+
+
+class SetUpAlone(NamedTuple):
+    """The fit of base and target, the arm at the sheet's means: the estimate, and the residuals ``(P, m)``."""
+
+    nuisances: Array
+    residuals: Array
+    estimator: design.Estimator
+
+    @classmethod
+    def of(cls, problem: fitting.Problem) -> SetUpAlone:
+        """Return the fit to the readings of a problem."""
+        means = problem.model.space.mean[:, None]
+        errors = [station.at.exact(means) for station in problem.stations]
+        nuisances = problem.start
+        for _ in range(fitting.STEPS):
+            residuals = problem.residuals_of(errors, nuisances)
+            slopes = np.zeros((*problem.readings.shape, nuisances.size))
+            for station, places, error in zip(problem.stations, problem.places, errors, strict=True):
+                slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
+            by_nuisance, white = problem.whiten(slopes), problem.whiten(residuals)
+            nothing = np.zeros((len(by_nuisance), 0))
+            estimator = design.Estimator.of(nothing, by_nuisance, has_prior=False, kept=np.zeros((0, 0)))
+            step = estimator.nuisances(white)
+            if np.abs(by_nuisance @ step).max(initial=0.0) < _SETTLED * (1 + np.abs(white).max()):
+                break
+            nuisances = nuisances + step
+        return cls(nuisances, residuals, estimator)
+
+
+def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the number of the group of each reading, ``(P,)``: the data's own, or one for readings at the same pose."""
+    if data.group.size:
+        return np.unique(data.group, return_inverse=True)[1].astype(np.intp)
+    scaled = data.q.T / np.where(sliding, _SAME_POSE[1], _SAME_POSE[0])
+    pairs = spatial.cKDTree(scaled).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    near = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(data), len(data)))
+    return sparse.csgraph.connected_components(near, directed=False)[1].astype(np.intp)
+
+
+def judge(
+    problem: fitting.Problem,
+    best: fitting.Fit,
+    after: fitting.LeftOut,
+    alone: SetUpAlone,
+    groups: NDArray[np.intp],
+    *,
+    of_column: bool,
+    known: float = SURE,
+) -> Improvement | None:
+    """Return how a fit does on the groups left out of it; ``None`` where no group's readings follow from the others.
+
+    ``known`` are the degrees of freedom that the standard deviation rests on, apart from these readings.
+    """
+    residuals = alone.residuals
+    before = fitting.leave_out(problem, alone.estimator, alone.estimator, residuals, groups)
+    used = np.flatnonzero(before.is_predicted & after.is_predicted)
+    if not used.size:
+        return None
+    _, group = np.unique(groups[used], return_inverse=True)
+    sizes = np.bincount(group)
+    squares = [
+        np.bincount(group, (one[used, :3] ** 2).sum(axis=1)) / sizes for one in (before.values, after.values, residuals)
+    ]
+    weights, count = sizes / used.size, len(sizes)
+    means = [float(weights @ one) for one in squares]
+    interval = None
+    if count >= FEWEST and means[0] > 0 and means[1] > 0:
+        root = best.local.leverage_root()
+        interval = gain_interval(squares[0], squares[1], weights, float((root**2).sum()) / len(root))
+    share = LeftOutShare.of(after.distance[used], problem.sizes[used], min(after.trials, count), known)
+    roots = [float(np.sqrt(mean)) for mean in means]
+    by: Literal["poses", "groups"] = "groups" if of_column else "poses"
+    return Improvement(roots[0], roots[1], interval, roots[2], count, by, int(used.size), share)
+
+
+def doubt_improvement(found: Improvement | None) -> Iterator[Finding]:
+    """Yield warnings where unseen poses gain nothing, or readings left out are farther off than their deviations say."""
+    if found is None or found.verdict != "helps":
+        gain = "" if found is None else f": {1e3 * found.before:.3g} mm rms before, {1e3 * found.after:.3g} mm after"
+        verdict = "not shown to help" if found is None else found.verdict
+        verb = f"{'is ' * (verdict[0] == 'n')}{verdict}"
+        message = f"at poses left out the calibration {verb}{gain}; do not rely on it there"
+        yield Finding("warning", "W_NO_GAIN", message)
+    if found is not None and found.share.verdict == "over-confident":
+        low, high = found.share.ratio_interval
+        message = (
+            f"over-confident: left-out readings are {found.share.ratio:.3g} times ({low:.3g} to {high:.3g}) as far off as their "
+            f"standard deviations say, {100 * found.share.within:.3g} % within their 95 %; the errors left are larger than stated"
+        )
+        yield Finding("warning", "W_OVER_CONFIDENT", message)
+
+
+def gain_interval(before: Array, after: Array, weights: Array, taken: float) -> tuple[float, float]:
+    """Return the interval of ``sqrt(weights @ before) - sqrt(weights @ after)`` over groups with mean squares ``(G,)``.
+
+    Student's t from what each group adds, first order, with as many degrees of freedom as groups less the fraction ``taken``
+    by the fit. Groups left out in turn share the rest, so the deviation is a tenth larger (measured by coverage); where
+    little is gained both fits follow the same noise, and it is up to twice as large.
+    """
+    mean, left, count = float(weights @ before), float(weights @ after), len(weights)
+    adds = weights * ((before - mean) / (2 * np.sqrt(mean)) - (after - left) / (2 * np.sqrt(left)))
+    free = max(count * (1 - taken) - 1, 1.0)
+    widened = 1.2 + 2.8 * min(left / mean, mean / left) ** 4
+    deviation = np.sqrt(widened * count / free * float((adds**2).sum()))
+    gain, reach = float(np.sqrt(mean) - np.sqrt(left)), float(stats.t.isf((1 - LEVEL) / 2, free) * deviation)
+    return gain - reach, gain + reach

@@ -12,13 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from precision_pin.analyses.calibration import table as text
-from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
+from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
 from precision_pin.analyses.calibration.table import (
     MOST_READINGS,
     VERDICTS,
+    WorstReadings,
     describe_measurement,
     deviations_text,
     headline,

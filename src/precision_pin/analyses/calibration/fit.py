@@ -3,218 +3,48 @@
 It minimises ``|R^(-1/2) (y - h(q; x, n))|² + |z|²`` over z, with ``x = μ + L z``, and the nuisances n; without a prior only
 the first part, over the combinations of z that the readings determine. Derivatives are those of the displaced chain at the
 current estimate. The noise R is that at the means.
+
+The standard deviation of the instrument is estimated by restricted maximum likelihood. Readings are ``y = H z + N n + e`` with z
+of unit covariance (the sheet), n without prior, and e of covariance ``σ² D² + F``: D are deviations as stated, F what numbers of
+scope visit and pose cause. What N could explain is left out of the likelihood (Patterson and Thompson 1971). Differences of
+readings at one pose hold no error of the model: where there are enough of them they decide alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Final, NamedTuple, final
+from typing import ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
 from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData, describe_zeros, refuse_reversed
-from precision_pin.analyses.calibration.design import Estimator, Station, UnitNumbers, stations_of
+from precision_pin.analyses.calibration.design import (
+    NEGLIGIBLE,
+    Estimator,
+    Instruments,
+    Station,
+    UnitNumbers,
+    first_guess,
+    nominal_distance,
+    readings_in_base,
+    stations_of_data,
+)
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.record import Record
+from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import bounds_of
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain
-from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Instruments:
-    """Measurements whose unknown numbers (nuisances) are shared where they have one name; one measurement or many.
-
-    Raises:
-        InputError: One name stands for different targets or places.
-    """
-
-    parts: tuple[Measurement, ...]
-
-    def __post_init__(self) -> None:
-        first: dict[str, Measurement] = {}
-        for part in self.parts:
-            target = "target" + (f"[{part.target_name}]" if part.target_name else "")
-            for name in (*part.nuisances, f"{target}.x"):
-                other = first.setdefault(name, part)
-                if name.startswith("target"):
-                    is_same = part.target_known == other.target_known and (
-                        part.target_known or part.target == other.target
-                    )
-                else:
-                    is_same = part.place == other.place
-                if not is_same:
-                    key = "target_name" if name.startswith("target") else "base_name"
-                    raise InputError(
-                        f"two measurements share {name.partition('.')[0]} and say different things of it; "
-                        f"give each {key} of its own"
-                    )
-
-    @cached_property
-    def nuisances(self) -> tuple[str, ...]:
-        """Names of all unknown numbers of the set-up, those of a base first."""
-        names = dict.fromkeys(name for part in self.parts for name in part.nuisances)
-        return tuple(sorted(names, key=lambda name: not name.startswith("base")))
-
-    @cached_property
-    def columns(self) -> tuple[NDArray[np.intp], ...]:
-        """Which of them each measurement has."""
-        place = {name: k for k, name in enumerate(self.nuisances)}
-        return tuple(np.array([place[name] for name in part.nuisances], dtype=np.intp) for part in self.parts)
-
-    @property
-    def displaces_base(self) -> bool:
-        """Whether the first six nuisances displace the base."""
-        return any(part.displaces_base for part in self.parts)
-
-    def slopes(self, part: int, pose: Array, error: Array, nuisances: Array) -> Slopes:
-        """Return the derivatives of a reading as :meth:`Measurement.slopes`, by all nuisances."""
-        own = self.parts[part].slopes(pose, error, nuisances[self.columns[part]])
-        whole = np.zeros((self.parts[part].size, nuisances.size))
-        whole[:, self.columns[part]] = own.nuisances
-        return Slopes(own.error, whole)
-
-
-def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station, ...]:
-    """Return a station for each different pose and load."""
-    found: list[Station] = []
-    loads = [part.load for part in data.measurements]
-    own = np.array([loads.index(load) for load in loads])[data.part]
-    for k in np.unique(own):
-        rows = np.flatnonzero(own == k)
-        for station in stations_of(model, data.q[:, rows], data.measurements[k]):
-            found.append(Station(station.at, tuple(rows[list(station.rows)].tolist())))
-    return tuple(found)
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class SetUp(Record):
-    """Set-up of an instrument as estimated; what does not belong to the readings is ``None``.
-
-    Attributes:
-        base: The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
-        target, anchor, plane, sockets: In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``,
-            and ``(S, 3)``; m.
-        std: Standard deviation of each unknown number, m and rad.
-    """
-
-    base: Array | None
-    target: Array
-    anchor: Array | None
-    plane: Array | None
-    sockets: Array | None
-    std: dict[str, float]
-
-    @classmethod
-    def of(cls, measurement: Measurement, base: Array, nuisances: Array, variances: Array) -> SetUp:
-        """Return the set-up of the measurement's nuisances, estimated beside a first guess of the base, and their variances."""
-        shift, turn, target, _ = measurement.split(nuisances[:, None])
-        anchor = placed = plane = sockets = None
-        place, own = measurement.place, shift[:, 0]
-        if isinstance(place, Anchor):
-            anchor = np.array(place.place) + own
-        elif isinstance(place, Plane):
-            plane = np.array(place.tilted(own))
-        elif isinstance(place, Sockets):
-            sockets = np.array(place.places) + own.reshape(-1, 3)
-        elif turn is not None:
-            placed = base @ se3.displacement(nuisances[:6])
-        deviations = np.sqrt(np.maximum(variances, 0.0)).tolist()
-        std = dict(zip(measurement.nuisances, deviations, strict=True))
-        return cls(placed, target[:, 0], anchor, plane, sockets, std)
-
-
-def first_guess(data: CalibrationData, tips: Array, instruments: Instruments) -> tuple[tuple[Array, ...], Array]:
-    """Return for each measurement the base ``(4, 4)`` that fits tips ``(P, 4, 4)`` best, and the nuisances beside it."""
-    nuisances, bases = np.zeros(len(instruments.nuisances)), [np.eye(4) for _ in data.measurements]
-    targets = np.array([part.target for part in data.measurements])[data.part]
-    points = tips[:, :3, 3] + np.einsum("pij,pj->pi", tips[:, :3, :3], targets)
-    names = np.array([f"{'' if part.place is None else part.kind} {part.base_name}" for part in data.measurements])
-    for name in dict.fromkeys(names.tolist()):
-        chosen = [k for k, part in enumerate(data.measurements) if names[k] == name and part.base == "free"]
-        rows = np.flatnonzero(np.isin(data.part, chosen))
-        if not rows.size or data.measurements[chosen[0]].kind in ("plane", "socket"):
-            continue
-        part = data.measurements[chosen[0]]
-        if part.kind == "distance":
-            columns = instruments.columns[chosen[0]][:3]
-            nuisances[columns] = _anchor(points[rows], data.readings[rows, 0]) - part.anchor
-            continue
-        attitudes = [row for row in rows.tolist() if data.measurements[data.part[row]].kind == "pose"]
-        base = _base(points[rows], data.readings[rows, :3], tips[attitudes, :3, :3], data.readings[attitudes, 3:6])
-        for k in chosen:
-            bases[k] = base
-    return tuple(bases), nuisances
-
-
-def _base(nominal: Array, measured: Array, attitudes: Array, turned: Array) -> Array:
-    """Return the base ``(4, 4)`` for points ``(P, 3)``, and attitudes ``(A, 3, 3)`` read as rotation vectors if there are any."""
-    centre, other = nominal.mean(axis=0), measured.mean(axis=0)
-    if len(attitudes):
-        turns = np.einsum("ijp,pkj->ik", se3.exp_rotation(turned.T), attitudes)
-    else:
-        turns = (measured - other).T @ (nominal - centre)
-        values = np.linalg.svd(turns, compute_uv=False)
-        if len(nominal) < 3 or values[1] < 1e-6 * values[0]:
-            raise InputError("a free base needs at least three positions that do not lie on one line")
-    rotation = se3.nearest_rotation(turns)
-    return se3.pose(rotation, other - rotation @ centre)
-
-
-def _anchor(points: Array, distances: Array) -> Array:
-    """Return the anchor ``(3,)`` from which points ``(P, 3)`` have these distances best: ``|p|² - d² = 2 p·a - |a|²``."""
-    centre = points.mean(axis=0)
-    near = points - centre
-    rows = np.hstack([2 * near, -np.ones((len(near), 1))])
-    if len(near) < 4 or np.linalg.svd(near, compute_uv=False)[2] < 1e-6 * np.abs(near).max():
-        raise InputError("a free anchor needs distances of at least four points that do not lie in one plane")
-    found = np.linalg.lstsq(rows, (near**2).sum(axis=1) - distances**2, rcond=None)[0]
-    return np.asarray(centre + found[:3])
-
-
-def readings_in_base(data: CalibrationData, poses: Array, bases: Sequence[Array]) -> Array:
-    """Return readings ``(P, m)`` as :meth:`Measurement.predict` returns them: in base axes, turns from nominal ``(P, 4, 4)``."""
-    result = np.nan_to_num(data.readings, nan=0.0)
-    for row, number in enumerate(data.part):
-        part, base = data.measurements[number], bases[number]
-        if part.place is not None:
-            continue
-        result[row, :3] = (data.readings[row, :3] - base[:3, 3]) @ base[:3, :3]
-        if part.kind == "pose":
-            attitude = base[:3, :3].T @ se3.exp_rotation(data.readings[row, 3:6])
-            result[row, 3:6] = se3.log_rotation(attitude @ poses[row, :3, :3].T)
-    return result
-
-
-def nominal_distance(chain: Chain, data: CalibrationData) -> float:
-    """Return how far the readings are from the nominal arm whatever the set-up: root mean square of whitened residuals."""
-    instruments = Instruments(data.measurements)
-    poses = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(np.ascontiguousarray(data.q)).pose, -1, 0)
-    bases, start = first_guess(data, poses, instruments)
-    readings = readings_in_base(data, poses, bases)
-    values, slopes = [], []
-    for row, number in enumerate(data.part):
-        part, own = data.measurements[number], start[instruments.columns[number]]
-        predicted = part.predict(poses[row], np.zeros((6, 1)), own[:, None])
-        values.append(part.residual(readings[row, : part.size, None], predicted)[:, 0] / part.deviations)
-        slopes.append(instruments.slopes(number, poses[row], np.zeros(6), start).nuisances / part.deviations[:, None])
-    white, by_nuisance = np.concatenate(values), np.concatenate(slopes)
-    left = white - by_nuisance @ np.linalg.lstsq(by_nuisance, white, rcond=1e-9)[0]
-    return float(np.sqrt(np.mean(left**2)))
-
+from precision_pin.sheet.measurement import Slopes
 
 STEPS: Final = 60
 _SETTLED: Final = 1e-8
@@ -711,3 +541,255 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     ratio = values / np.where(expected > 0, expected, np.inf)
     best = int(np.argmax(ratio))
     return problem.model.chain.joint_names[best], float(ratio[best])
+
+
+LEVEL: Final = 0.95
+"""Probability of the intervals, and of the ellipsoids that left-out readings should be within."""
+ENOUGH: Final = 10
+"""Degrees of freedom of differences at one pose from which they decide alone: the interval is then from 0.7 to 1.75 of it."""
+_MOST: Final = 0.1
+"""Share of the spread of the poses beyond which an estimated std shows that the data are not of this arm."""
+_DECADES: Final = 5.0
+"""Range of the search below the largest deviation."""
+_STEPS: Final = 41
+_REACH: Final = float(stats.chi2.ppf(LEVEL, 1))
+
+
+@final
+@dataclass(frozen=True)
+class EstimatedStd(Record):
+    """A standard deviation that readings tell, with the 95 % interval of its profile likelihood, m or rad.
+
+    ``decided_by`` are the ``repeats`` (differences of readings at one pose, free of the model's errors) or ``all readings``,
+    which hold what the model leaves unexplained too; ``of_all`` is the estimate from these, and ``degrees_of_freedom`` the
+    information: the number of independent readings of a known mean that would tell as much.
+    """
+
+    KEYS: ClassVar[Keys] = ("std", "interval", "probability", "degrees_of_freedom", "decided_by", "of_all")
+    probability: ClassVar[float] = LEVEL
+
+    std: float
+    interval: tuple[float, float]
+    degrees_of_freedom: float
+    decided_by: Literal["repeats", "all readings"]
+    of_all: float
+
+
+@final
+class Likelihood:
+    """-2 ln of the restricted likelihood of factors, one for each kind of deviation.
+
+    ``blocks`` are for each station F ``(b, b)``, D² of each kind ``(g, b, b)`` and the columns ``[H, N, y]``, ``(b, r + k + 1)``,
+    of which the first ``random`` are H. The columns of N are independent.
+    """
+
+    def __init__(self, blocks: list[tuple[Array, Array, Array]], random: int) -> None:
+        sizes = sorted({len(block[0]) for block in blocks})
+        self._stacks = [
+            tuple(np.array(part) for part in zip(*(one for one in blocks if len(one[0]) == size), strict=True))
+            for size in sizes
+        ]
+        width = blocks[0][2].shape[1]
+        self._prior = np.eye(random, width)
+        self.kinds = len(blocks[0][1])
+
+    def _white(self, logs: Array) -> list[tuple[Array, Array]]:
+        """Return the roots of the noise and the columns over them, for each size of block."""
+        found = []
+        for fixed, each, columns in self._stacks:
+            root = np.linalg.cholesky(fixed + np.einsum("g,sgij->sij", np.exp(2 * logs), each))
+            found.append((root, np.linalg.solve(root, columns)))
+        return found
+
+    def __call__(self, logs: Array) -> float:
+        """Return its value at logarithms of the factors, ``(g,)``; infinity where the noise is singular."""
+        try:
+            white = self._white(logs)
+        except np.linalg.LinAlgError:
+            return np.inf
+        rows = [part.reshape(-1, part.shape[2]) for _, part in white]
+        diagonal = np.abs(np.diag(np.linalg.qr(np.vstack([*rows, self._prior]), mode="r")))
+        of_noise = sum(float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum()) for root, _ in white)
+        return 2 * of_noise + 2 * float(np.log(diagonal[:-1]).sum()) + float(diagonal[-1] ** 2)
+
+    def information(self, logs: Array) -> Array:
+        """Return the degrees of freedom of each kind, ``(g,)``: twice the information on ln σ² of that kind."""
+        white = self._white(logs)
+        rows = [part.reshape(-1, part.shape[2]) for _, part in white]
+        basis = np.linalg.qr(np.vstack([*rows, self._prior])[:, :-1])[0]
+        result, first = np.zeros(self.kinds), 0
+        inner = np.zeros((self.kinds, basis.shape[1], basis.shape[1]))
+        for (root, columns), (_, each, _) in zip(white, self._stacks, strict=True):
+            count = root.shape[0] * root.shape[1]
+            own = basis[first : first + count].reshape(*columns.shape[:2], -1)
+            first += count
+            for kind, variance in enumerate(np.exp(2 * logs)):
+                half = np.linalg.solve(root, each[:, kind])
+                share = variance * np.linalg.solve(root, np.swapaxes(half, 1, 2))
+                moved = share @ own
+                result[kind] += (share**2).sum() - 2 * (moved**2).sum()
+                inner[kind] += np.einsum("sbi,sbj->ij", own, moved)
+        return np.asarray(result + (inner**2).sum(axis=(1, 2)), dtype=float)
+
+
+def largest_likelihood(likelihood: Likelihood, most: float) -> tuple[Array, list[tuple[float, float]]]:
+    """Return the logarithms of the likeliest factors, at most ``most``, and the ends of their profile intervals; -inf is zero."""
+    grid = np.linspace(most - _DECADES * np.log(10), most, _STEPS)
+    step = float(grid[1] - grid[0])
+
+    def along(kind: int, others: Array, floor: float) -> tuple[float, float]:
+        """Return the best logarithm of one kind, and the value there."""
+
+        def value(log: float) -> float:
+            return likelihood(np.insert(others, kind, log))
+
+        near = float(min(grid, key=value))
+        found = scipy.optimize.minimize_scalar(
+            value, bounds=(near - step, near + step), method="bounded", options={"xatol": floor}
+        )
+        return float(found.x), float(found.fun)
+
+    point = np.full(likelihood.kinds, most - np.log(10))
+    # both kinds hardly depend on each other: alternate; one alone is found at once
+    for _ in range(20 if likelihood.kinds > 1 else 1):
+        before = point.copy()
+        for kind in range(likelihood.kinds):
+            point[kind], least = along(kind, np.delete(point, kind), 1e-7)
+        if np.abs(point - before).max() < 1e-6:
+            break
+    ends = []
+    for kind in range(likelihood.kinds):
+
+        def excess(log: float, kind: int = kind) -> float:
+            others = np.delete(point, kind)
+            if others.size:
+                return along(1 - kind, np.array([log]), 1e-4)[1] - least - _REACH
+            return likelihood(np.array([log])) - least - _REACH
+
+        low, high = point[kind] - step, point[kind] + step
+        while excess(float(low)) < 0 and low > grid[0]:
+            low -= step
+        while excess(float(high)) < 0:
+            high += step
+        below = -np.inf if low <= grid[0] else float(scipy.optimize.brentq(excess, low, point[kind], xtol=1e-6))
+        ends.append((below, float(scipy.optimize.brentq(excess, point[kind], high, xtol=1e-6))))
+    return point, ends
+
+
+def estimate_std(
+    problem: Problem, z: Array, nuisances: Array, kinds: Mapping[str, NDArray[np.bool_]], *, has_prior: bool
+) -> dict[str, tuple[float, EstimatedStd]]:
+    """Return the factor on the stated deviation, and the estimate, of each kind; ``kinds`` name masks ``(P, m)`` of numbers."""
+    blocks, random = _blocks(problem, z, nuisances, list(kinds.values()), has_prior=has_prior)
+    repeats = [block for block in map(_differences, blocks, problem.labels) if block is not None]
+    most = _largest(blocks, random)
+    whole = Likelihood([block[:3] for block in blocks], random)
+    point, ends = largest_likelihood(whole, most)
+    free, source = whole.information(point), ["all readings"] * len(kinds)
+    of_all = point.copy()
+    if repeats:
+        pure = Likelihood(repeats, 0)
+        own_point, own_ends = largest_likelihood(pure, most)
+        own_free = pure.information(own_point)
+        for kind in range(len(kinds)):
+            if own_free[kind] >= ENOUGH:
+                point[kind], ends[kind], free[kind] = own_point[kind], own_ends[kind], own_free[kind]
+                source[kind] = "repeats"
+    result = {}
+    for k, (name, mask) in enumerate(kinds.items()):
+        rows = [row for station in problem.stations for row in station.rows]
+        stated = float(np.sqrt((problem.deviations[rows][mask[rows]] ** 2).mean()))
+        low, high = (stated * float(np.exp(end)) for end in ends[k])
+        std, every = (stated * float(np.exp(value[k])) for value in (point, of_all))
+        result[name] = (std / stated, EstimatedStd(std, (low, high), float(free[k]), source[k], every))  # type: ignore[arg-type]
+    return result
+
+
+def _blocks(
+    problem: Problem, z: Array, nuisances: Array, masks: list[NDArray[np.bool_]], *, has_prior: bool
+) -> tuple[list[tuple[Array, Array, Array]], int]:
+    """Return the blocks of :class:`Likelihood`, and the number of random columns."""
+    by_z, by_nuisance = problem.slopes(z, nuisances)
+    estimator = Estimator.of(by_z, by_nuisance, has_prior=has_prior)
+    fixed = by_nuisance if has_prior else np.hstack([by_nuisance, by_z @ estimator.kept])
+    readings = problem.whiten(problem.residuals(z, nuisances)) + by_z @ z
+    lengths = np.linalg.norm(fixed, axis=0)
+    basis, values, _ = np.linalg.svd(fixed / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
+    basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
+    random = by_z if has_prior else by_z[:, :0]
+    white, blocks = np.hstack([random, basis, readings[:, None]]), []
+    for station, places, span, root in zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True):
+        slopes = problem.slopes_at(station, station.at.error_at_means, problem.start)
+        variances = problem.deviations[places] ** 2
+        each = np.array([np.diag(variances * mask[places]) for mask in masks])
+        known = station.noise(slopes.error, variances, problem.visit[places[0]]) - each.sum(axis=0)
+        blocks.append((known, each, root @ white[span]))
+    return blocks, random.shape[1]
+
+
+def _differences(block: tuple[Array, Array, Array], labels: NDArray[np.intp]) -> tuple[Array, Array, Array] | None:
+    """Return the block of the differences of equal numbers at one pose, which neither the arm nor the set-up changes."""
+    fixed, each, columns = block
+    rows = []
+    for own in (np.flatnonzero(labels == label) for label in np.unique(labels)):
+        contrasts = np.zeros((own.size - 1, labels.size))
+        contrasts[:, own] = scipy.linalg.helmert(own.size)
+        rows.append(contrasts)
+    change = np.concatenate(rows)
+    if not len(change):
+        return None
+    return change @ fixed @ change.T, change @ each @ change.T, change @ columns[:, -1:]
+
+
+def _largest(blocks: list[tuple[Array, Array, Array]], random: int) -> float:
+    """Return the logarithm of a factor that is too large: three times that which takes all of the readings for noise."""
+    scale = np.concatenate([np.sqrt(np.diag(each.sum(axis=0))) for _, each, _ in blocks])
+    seen = scale > 0
+    columns = np.concatenate([block[2] for block in blocks])[seen] / scale[seen, None]
+    fixed, readings = columns[:, random:-1], columns[:, -1]
+    left = readings - fixed @ np.linalg.lstsq(fixed, readings, rcond=None)[0]
+    size = float(np.sqrt((left**2).mean()))
+    if not size > 0:
+        raise InputError(
+            "the readings are those of the sheet's means to the last digit; no std can be estimated from them"
+        )
+    return float(np.log(3 * size))
+
+
+def chance_of(chi_square: float, degrees: int, noise: Mapping[str, EstimatedStd], repeated: int) -> float | None:
+    """Return the probability that a right model gives a larger chi-square; ``None`` where a std was tuned to its residuals.
+
+    By a std of repeats, of which ``repeated`` numbers of chi-square are, the others are judged by F.
+    """
+    if not noise:
+        return probability(chi_square, degrees)
+    if any(one.decided_by != "repeats" for one in noise.values()) or degrees <= repeated:
+        return None
+    free = degrees - repeated
+    return float(
+        stats.f.sf((chi_square - repeated) / free, free, sum(one.degrees_of_freedom for one in noise.values()))
+    )
+
+
+def doubt_std(noise: Mapping[str, EstimatedStd]) -> Iterator[Finding]:
+    """Yield a warning where a std was estimated from residuals of the model."""
+    tuned = [name for name, one in noise.items() if one.decided_by != "repeats"]
+    if tuned:
+        message = (
+            f"{' and '.join(tuned)} estimated from the residuals of the model, on {noise[tuned[0]].degrees_of_freedom:.3g} "
+            "degrees of freedom: whether the model explains the readings is not tested, and the std includes the model's own "
+            "errors; repeat poses"
+        )
+        yield Finding("warning", "W_STD_ESTIMATED", message)
+
+
+def refuse_noise(problem: Problem, found: EstimatedStd, file: str) -> None:
+    """Refuse readings that are no readings of this arm, by a std near the size of the space they are in."""
+    points = np.array([station.at.posture.pose[:3, 3] for station in problem.stations])
+    spread = float(np.sqrt(((points - points.mean(axis=0)) ** 2).mean()))
+    if found.std > _MOST * spread:
+        message = (
+            f"the std of the readings is estimated as {1e3 * found.std:.3g} mm, where the tip itself spreads by "
+            f"{1e3 * spread:.3g} mm: columns or units are wrong, the target is another or the base is not known"
+        )
+        raise InputError.of("E_DATA", message, file or None)

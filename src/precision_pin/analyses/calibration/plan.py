@@ -28,8 +28,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration import design as linear
-from precision_pin.analyses.calibration.forecast import doubt_contact, seen_poses
-from precision_pin.analyses.calibration.posterior import PosesOutcome, errors_left
+from precision_pin.analyses.calibration.forecast import PosesOutcome, doubt_contact, errors_left, seen_poses
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_choice, check_items, check_whole
 from precision_pin.base.arrays import Array

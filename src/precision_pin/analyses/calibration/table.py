@@ -5,20 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from precision_pin.analyses.calibration.calibrate import CalibrationResult, WorstReadings
-from precision_pin.analyses.calibration.design import Identifiability
-from precision_pin.analyses.calibration.factory import FactoryCalibration
-from precision_pin.analyses.calibration.fit import SetUp
-from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
+from precision_pin.analyses.calibration.calibrate import CalibrationResult
+from precision_pin.analyses.calibration.design import Identifiability, SetUp, stations_of_data
+from precision_pin.analyses.calibration.fit import EstimatedStd
+from precision_pin.analyses.calibration.forecast import (
+    ROBOTS,
+    CalibrationForecast,
+    CurvePoint,
+    ErrorLeft,
+    PosesOutcome,
+    Posterior,
+)
 from precision_pin.analyses.calibration.plan import CalibrationPlan
-from precision_pin.analyses.calibration.population import Population
-from precision_pin.analyses.calibration.posterior import ROBOTS, ErrorLeft, PosesOutcome, Posterior
-from precision_pin.analyses.calibration.residuals import EstimatedStd
+from precision_pin.analyses.calibration.population import FactoryCalibration, Population
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import shortened, shown, some, visible
 from precision_pin.render.tables import milli, resting_on
 from precision_pin.render.text_table import aligned
@@ -417,6 +423,82 @@ def _set_up_lines(found: SetUp) -> list[str]:
     if found.anchor is not None and is_estimated("anchor"):
         lines.append(f"anchor in base axes, estimated: {_point(found.anchor)} mm")
     return lines
+
+
+class WorstReadings(NamedTuple):
+    """K readings, that with the largest residual of its lengths first, base axes.
+
+    Attributes:
+        rows, lines, labels: Their indices in the data, ``(K,)``, their rows in the file, from 1, and in words.
+        points: Place of the target where the calibrated arm predicts it, m, ``(3, K)``.
+        after, before, sizes: Residual after and before, m, ``(3, K)``: of a distance along the line of sight, of a
+            height along the normal; before in the axes of the first guess of a free base. Lengths of ``after``,
+            ``(K,)``.
+        deviations, is_gross: Residual in standard deviations (gross: in a fit without it); whether it has no weight.
+        anchor: Where distances are measured from, m, ``(3,)``; ``None`` for other readings and several measurements.
+    """
+
+    rows: NDArray[np.intp]
+    lines: tuple[int, ...]
+    labels: tuple[str, ...]
+    points: Array
+    after: Array
+    before: Array
+    sizes: Array
+    deviations: Array
+    is_gross: NDArray[np.bool_]
+    anchor: Array | None
+
+    @classmethod
+    def of(cls, result: CalibrationResult, most: int) -> WorstReadings:
+        """Return the worst readings of a calibration, ``most`` of them or all."""
+        sizes = np.linalg.norm(result.residuals[:, :3], axis=1)
+        rows = np.argsort(-sizes, kind="stable")[:most]
+        data, known = result.data, _known(result)
+        points, after, before = np.zeros((3, 3, rows.size))
+        deviations = np.zeros(rows.size)
+        chosen = replace(
+            data, q=data.q[:, rows], readings=data.readings[rows], part=data.part[rows], visit=np.arange(rows.size)
+        )
+        for station in stations_of_data(result.original, chosen):
+            pose, error = station.at.posture.pose, station.at.exact(result.components[:, None])
+            for k in station.rows:
+                row = int(rows[k])
+                given, own = data.measurements[data.part[row]], known[data.part[row]]
+                place = result.set_ups[data.part[row]].base
+                point = Measurement(target=own.target).predict(pose, error, np.zeros((0, 1)))[:, 0]
+                slopes = own.slopes(pose, error[:, 0], np.zeros(0))
+                directions = np.eye(3)
+                if own.place is not None:
+                    nominal = pose[:3, 3] + pose[:3, :3] @ given.target
+                    directions = own.place.slopes(point, np.zeros(len(own.place.names)), nominal)[0]
+                points[:, k] = point
+                after[:, k] = result.residuals[row, : len(directions)] @ directions
+                before[:, k] = result.residuals_before[row, : len(directions)] @ directions
+                if place is not None:
+                    after[:, k] = (data.readings[row, :3] - place[:3, 3]) @ place[:3, :3] - point
+                scale = data.std[row] / given.std if data.std.size else 1.0
+                one_visit = np.zeros(given.size, dtype=np.intp)
+                noise = station.noise(slopes.error, (scale * given.deviations) ** 2, one_visit)
+                residual = result.residuals[row, : given.size].copy()
+                residual[:3] = after[:, k] if own.place is None else residual[:3]
+                deviations[k] = np.sqrt(residual @ np.linalg.solve(noise, residual))
+        gross = {error.reading: error.deviations for error in result.gross_errors}
+        lines, labels = tuple(data.lines[row] for row in rows), tuple(data.label(row) for row in rows)
+        is_gross = np.isin(rows, list(gross))
+        deviations = np.array([*map(gross.get, rows.tolist(), deviations.tolist())])
+        anchor = result.set_up.anchor if len(data.measurements) == 1 else None
+        return cls(rows, lines, labels, points, after, before, sizes[rows], deviations, is_gross, anchor)
+
+
+def _known(result: CalibrationResult) -> list[Measurement]:
+    """Return the measurements with their set-ups as estimated, in base axes."""
+    known = []
+    for measurement, found in zip(result.data.measurements, result.set_ups, strict=True):
+        places = {name: getattr(found, name) for name in ("target", "anchor", "plane", "sockets")}
+        given = {name: place.tolist() for name, place in places.items() if place is not None}
+        known.append(replace(measurement, base="known", target_known=True, **given))
+    return known
 
 
 def _point(values: Iterable[float]) -> str:
