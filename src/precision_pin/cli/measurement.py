@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
     from precision_pin.sheet.measurement import Measurement
 
-_OF_KIND: Final = ("attitude_std", "anchor", "plane", "sockets")
-"""Settings that belong to one kind of measurement."""
 _NUMBERS: Final = (
     ("std", units.LENGTH, 1),
     ("attitude_std", units.ANGLE, 1),
@@ -79,11 +77,11 @@ def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
 
 
 def _changed(stated: Measurement, options: Options) -> Measurement:
-    from precision_pin.sheet.measurement import ESTIMATE, Measurement
+    from precision_pin.sheet.measurement import ESTIMATE, OWN, Measurement
 
     given: dict[str, Any] = {name: getattr(stated, name) for name in Measurement.__match_args__}
     if options["kind"] is not None and options["kind"] != stated.kind:
-        given = {name: value for name, value in given.items() if name not in _OF_KIND}
+        given = {name: value for name, value in given.items() if name not in OWN}
     given |= {name: options[name] for name in ("kind", "columns") if options[name] is not None}
     if options["std"] is not None:
         given["std_known"] = options["std"].strip() != ESTIMATE

@@ -21,7 +21,7 @@ import math
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, Literal, NamedTuple, Protocol, final
+from typing import Any, Final, Literal, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,27 +47,19 @@ from precision_pin.robot.chain import Chain
 from precision_pin.sheet.settings import SettingError
 from precision_pin.sources.payload import Payload
 
-_AXES = ("x", "y", "z")
-
-
-class Place(Protocol):
-    """Reference of a reading; ``own`` are the unknown numbers of the place, zeros if known."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the numbers of the place, in m or without unit."""
-
-    def read(self, point: Array, own: Array, near: Array) -> Array:
-        """Return readings ``(m, N)`` of points ``(3, N)``, ``own`` ``(k, N)``; ``near`` is the nominal point."""
-
-    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
-        """Return the derivatives by point ``(m, 3)`` and by own numbers ``(m, k)`` at one point ``(3,)``."""
+_AXES: Final = ("x", "y", "z")
+_POSE_AXES: Final = (*_AXES, "rx", "ry", "rz")
 
 
 @final
 @dataclass(frozen=True)
 class Anchor:
-    """A fixed point, ``(3,)``, from which distances are measured."""
+    """A fixed point, ``(3,)``, from which distances are measured.
+
+    As each place, it has ``names`` of its own numbers, in m or without unit; ``read`` returns the readings ``(m, N)`` of points
+    ``(3, N)`` where these are ``own`` ``(k, N)``, and ``slopes`` their derivatives by point ``(m, 3)`` and by own numbers ``(m,
+    k)`` at one point ``(3,)``; ``near`` is the nominal point.
+    """
 
     place: tuple[float, ...]
 
@@ -87,8 +79,7 @@ class Anchor:
         length = float(np.linalg.norm(away))
         if length == 0.0:
             raise InputError("the target is at the anchor, where the direction of a distance is not defined")
-        direction = away[None] / length
-        return direction, -direction
+        return away[None] / length, -away[None] / length
 
 
 @final
@@ -157,15 +148,17 @@ class Sockets:
 
     def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
         """Return derivatives of an offset."""
-        by_own = np.zeros((3, own.size))
         k = self.nearest(near)
+        by_own = np.zeros((3, own.size))
         by_own[:, 3 * k : 3 * k + 3] = -np.eye(3)
         return np.eye(3), by_own
 
 
+Place = Anchor | Plane | Sockets
+"""Reference of a reading."""
 Kind = Literal["position", "pose", "distance", "plane", "socket"]
 KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "socket")
-_OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
+OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
 """Settings of one kind only."""
 
 _NAME: Final = re.compile(r"\w*")
@@ -264,14 +257,20 @@ class Measurement:
             self._fix(name, _point(f"the {name} of a measurement", getattr(self, name)))
         self._check_places()
         self._check_sight()
-        self._check_load()
+        if self.load is not None:
+            load = check_items("the load of a measurement", self.load, Payload)
+            if any(payload.draws("load") or isinstance(payload.mass, str) for payload in load):
+                raise InputError(
+                    "the load of a measurement is given by fixed numbers; what varies is a payload of the sheet"
+                )
+            self._fix("load", load)
         for name in ("target_name", "base_name"):
             if not isinstance(value := getattr(self, name), str) or not _NAME.fullmatch(value):
                 raise InputError(f"{name} of a measurement must be letters and digits, got {shown(value)}")
         ColumnNames.parse(
             check_instance("columns of a measurement", self.columns, str, "such as 't=ignore, *=[m rad]'")
         )
-        for name, kind in _OWN.items():
+        for name, kind in OWN.items():
             value = getattr(self, name)
             is_given = any(value) if isinstance(value, tuple) else value is not None
             if is_given and self.kind != kind:
@@ -296,9 +295,9 @@ class Measurement:
         what, limits = "the cone of a measurement", "above zero and at most a half turn"
         self._fix("cone", check_quantity(what, self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi))
         if self.visible_from is None:
-            for name, is_given in (("facing", self.facing is not None), ("cone", self.cone != type(self).cone)):
-                if is_given:
-                    raise InputError(f"{name} of a measurement needs visible_from: where from the target is seen")
+            if self.facing is not None or self.cone != type(self).cone:
+                name = "cone" if self.facing is None else "facing"
+                raise InputError(f"{name} of a measurement needs visible_from: where from the target is seen")
             return
         self._fix("visible_from", _point("visible_from of a measurement", self.visible_from))
         facing = (0.0, 0.0, 1.0) if self.facing is None else self.facing
@@ -314,16 +313,6 @@ class Measurement:
         sight = np.array(self.visible_from) - self._nominal(pose)
         along = float(sight @ pose[:3, :3] @ self.facing)
         return along >= float(np.linalg.norm(sight)) * math.cos(self.cone)
-
-    def _check_load(self) -> None:
-        if self.load is None:
-            return
-        load = check_items("the load of a measurement", self.load, Payload)
-        if any(payload.draws("load") or isinstance(payload.mass, str) for payload in load):
-            raise InputError(
-                "the load of a measurement is given by fixed numbers; what varies is a payload of the sheet"
-            )
-        self._fix("load", load)
 
     @cached_property
     def place(self) -> Place | None:
@@ -342,9 +331,8 @@ class Measurement:
     @property
     def deviations(self) -> Array:
         """Standard deviation of each number of a reading, ``(m,)``."""
-        lengths = [self.std] * min(self.size, 3)
         angle = self.std / _LEVER if self.attitude_std is None else self.attitude_std
-        return np.array(lengths + [angle] * (self.size - len(lengths)))
+        return np.where(np.arange(self.size) < 3, self.std, angle)
 
     @property
     def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
@@ -358,13 +346,12 @@ class Measurement:
     @property
     def nuisances(self) -> tuple[str, ...]:
         """Names of the unknown numbers of the set-up: m, or rad for names that begin with r."""
-        turns = tuple(f"r{axis}" for axis in _AXES)
         names: tuple[str, ...] = ()
         if self.base == "free":
-            own = tuple(f"base.{axis}" for axis in _AXES + turns) if self.place is None else self.place.names
+            own = tuple(f"base.{axis}" for axis in _POSE_AXES) if self.place is None else self.place.names
             names += _named(own, self.base_name)
         if not self.target_known:
-            own = tuple(f"target.{axis}" for axis in (_AXES + turns if self.kind == "pose" else _AXES))
+            own = tuple(f"target.{axis}" for axis in (_POSE_AXES if self.kind == "pose" else _AXES))
             names += _named(own, self.target_name)
         return names
 
@@ -405,28 +392,26 @@ class Measurement:
         attitude = np.einsum("ijn,jk->ikn", se3.exp_rotation(errors[3:]), pose[:3, :3])
         point = pose[:3, 3, None] + errors[:3] + np.einsum("ijn,jn->in", attitude, offset)
         if own_turn is not None:
-            attitude = _product(attitude, se3.exp_rotation(own_turn))
+            attitude = np.einsum("ijn,jkn->ikn", attitude, se3.exp_rotation(own_turn))
         if turn is None:
             return point, attitude
         rotation = se3.exp_rotation(turn)
-        return np.einsum("ijn,jn->in", rotation, point) + shift, _product(rotation, attitude)
+        return np.einsum("ijn,jn->in", rotation, point) + shift, np.einsum("ijn,jkn->ikn", rotation, attitude)
 
     def split(self, nuisances: Array) -> tuple[Array, Array | None, Array, Array | None]:
         """Return the base's shift and turn (or the place's numbers), target ``(3, N)`` and the target's turn."""
-        samples = nuisances.shape[1]
-        first = 0 if self.place is None else len(self.place.names)
-        shift, turn = np.zeros((first or 3, samples)), None
-        if self.displaces_base:
-            shift, turn, first = nuisances[:3], nuisances[3:6], 6
-        elif self.base == "free":
-            shift = nuisances[:first]
+        samples, turn, own_turn = nuisances.shape[1], None, None
+        first = 3 if self.place is None else len(self.place.names)
+        if self.base == "free":
+            shift, own = nuisances[:first], nuisances[first:]
+            if self.place is None:
+                turn, own = own[:3], own[3:]
         else:
-            first = 0
+            shift, own = np.zeros((first, samples)), nuisances
         offset = np.array(self.target)[:, None] + np.zeros((1, samples))
-        own_turn = None
         if not self.target_known:
-            offset = offset + nuisances[first : first + 3]
-            own_turn = nuisances[first + 3 : first + 6] if self.kind == "pose" else None
+            offset = offset + own[:3]
+            own_turn = own[3:] if self.kind == "pose" else None
         return shift, turn, offset, own_turn
 
     def slopes(self, pose: Array, error: Array, nuisances: Array) -> Slopes:
@@ -434,14 +419,12 @@ class Measurement:
 
         An attitude's are those of the rotation vector, in the axes of the reading, of a small further turn.
         """
-        columns = nuisances[:, None]
-        own_place, turn, offset, own_turn = self.split(columns)
+        own_place, turn, offset, own_turn = self.split(nuisances[:, None])
         attitude = se3.exp_rotation(error[3:]) @ pose[:3, :3]
         arm = attitude @ offset[:, 0]
         inner = pose[:3, 3] + error[:3] + arm
         rotation = np.eye(3) if turn is None else se3.exp_rotation(turn[:, 0])
-        tilt = se3.left_jacobian(error[3:])
-        none = np.zeros((3, 3))
+        tilt, none = se3.left_jacobian(error[3:]), np.zeros((3, 3))
         by_error = np.block([[rotation, -rotation @ se3.skew(arm) @ tilt], [none, rotation @ tilt]])
         parts = []
         if turn is not None:
@@ -483,10 +466,6 @@ class Measurement:
 def _named(numbers: tuple[str, ...], name: str) -> tuple[str, ...]:
     """Return ``base.x`` as ``base[name].x``."""
     return tuple(number.replace(".", f"[{name}].") for number in numbers) if name else numbers
-
-
-def _product(left: Array, right: Array) -> Array:
-    return np.asarray(np.einsum("ijn,jkn->ikn", left, right))
 
 
 def _point(what: str, value: object) -> tuple[float, ...]:
@@ -557,42 +536,26 @@ class MeasurementEntry(BaseModel):
     )
 
 
-_QUANTITIES: Final = {
-    "point": units.LENGTH,
-    "normal": units.RATIO,
-    "attitude_std": units.ANGLE,
-    "std": units.LENGTH,
-    "target": units.LENGTH,
-    "anchor": units.LENGTH,
-    "sockets": units.LENGTH,
-    "visible_from": units.LENGTH,
+_READ: Final = ("attitude_std", "std", "target", "anchor", "sockets", "visible_from", "facing", "cone")
+"""Settings of numbers, in reading order: the first mistake is reported."""
+_NO_LENGTHS: Final = {
+    "attitude_std": ANGLE,
+    "cone": ANGLE,
     "facing": units.RATIO,
-    "cone": units.ANGLE,
+    "normal": units.RATIO,
     "mass": units.MASS,
-    "com": units.LENGTH,
 }
-"""Quantity of each text setting, in reading order: the first mistake is reported."""
 _SINGLE: Final = ("attitude_std", "std", "cone", "mass")
 """Settings of one number; all others have three."""
 
 
 def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
     """Return the measurement of an entry; raise a :class:`SettingError` if one key is at fault."""
-    plane = None
-    if entry.plane is not None:
-        plane = (_read(("plane", "point"), entry.plane.point), _read(("plane", "normal"), entry.plane.normal))
-    own = [name for name in _QUANTITIES if name in MeasurementEntry.model_fields]
-    return Measurement(
-        **{name: _read((name,), getattr(entry, name)) for name in own},
-        kind=entry.kind,
-        base=entry.base,
-        target_known=entry.target_known == "true",
-        plane=plane,
-        load=_read_load(entry, chain),
-        target_name=entry.target_name,
-        base_name=entry.base_name,
-        columns=entry.columns,
-    )
+    plane = entry.plane and tuple(_read(("plane", name), getattr(entry.plane, name)) for name in ("point", "normal"))
+    read = {name: _read((name,), getattr(entry, name)) for name in _READ}
+    same = {name: getattr(entry, name) for name in ("kind", "base", "target_name", "base_name", "columns")}
+    is_known = entry.target_known == "true"
+    return Measurement(**read, **same, target_known=is_known, plane=plane, load=_read_load(entry, chain))
 
 
 def only_one(measurements: tuple[Measurement, ...], file: str | None = None) -> Measurement:
@@ -633,8 +596,8 @@ def _read(below: tuple[str | int, ...], text: Any) -> Any:
     name = next(key for key in reversed(below) if isinstance(key, str))
     try:
         if name not in _SINGLE:
-            return tuple(units.parse_vector(text, _QUANTITIES[name], count=3))
-        value = units.parse(text, _QUANTITIES[name])
+            return tuple(units.parse_vector(text, _NO_LENGTHS.get(name, LENGTH), count=3))
+        value = units.parse(text, _NO_LENGTHS.get(name, LENGTH))
     except InputError as error:
         raise SettingError(below, f"{'.'.join(map(str, below))}: {error.findings[0].message}") from None
     if value <= 0 and name.endswith("std"):

@@ -33,30 +33,14 @@ def check(options: dict[str, Any]) -> None:
     suffixes = (".csv", ".json") if several else (".csv",)
     data = [text for text in options["inputs"] if Path(text).suffix.lower() in suffixes]
     options["robots"], options["inputs"] = data, tuple(text for text in options["inputs"] if text not in data)
-    message = _misuse(options, data)
-    if message is not None:
-        raise InputError.of("E_USAGE", message)
-
-
-def _misuse(options: dict[str, Any], data: list[str]) -> str | None:
     count, is_given = options["count"], _gives_poses(options)
     ahead = ["--forecast"] * options["forecast"] + ["--plan"] * (count is not None)
     has_poses = is_given or options["random"] is not None
     is_factory, has_sheet = options["factory"] is not None, options["sheet_path"] is not None
     of_fit = options["no_prior"] or options["urdf"] is not None or bool(options["only"])
     asked = [*ahead, *["data"] * bool(data), *["poses"] * has_poses]
-    both = [*ahead, *["--factory"] * is_factory]
-    if options["population"]:
-        if both or has_poses or of_fit or options["at_names"]:
-            return f"--population takes no {both[0] if both else 'poses, --at, --no-prior, --only or --urdf'}"
-        return None
-    if options["means_free"]:
-        return "--means-free belongs to --population"
-    if is_factory:
-        if asked or has_sheet:
-            return f"--factory takes no {asked[0] if asked else '--sheet'}; it reads what the factory measured"
-        return None
-    rules = {
+    rules: dict[str, Any] = {
+        "--means-free belongs to --population": options["means_free"],
         "nothing to do: give readings (DATA.csv), --forecast, --plan M or --factory FILE": not data and not ahead,
         "--forecast and --plan exclude each other; a plan has the forecast of its choice": len(ahead) == 2,
         f"{ahead[0] if ahead else ''} takes no data": data and ahead,
@@ -68,7 +52,16 @@ def _misuse(options: dict[str, Any], data: list[str]) -> str | None:
         "--sheet writes the sheet as it is in its file; write what --set changes there first": has_sheet
         and options["changes"],
     }
-    return next((message for message, is_broken in rules.items() if is_broken), None)
+    if several:
+        other = [*ahead, *["--factory"] * is_factory, "poses, --at, --no-prior, --only or --urdf"]
+        is_broken = len(other) > 1 or has_poses or of_fit or options["at_names"]
+        rules = {f"--population takes no {other[0]}": is_broken}
+    elif is_factory and not options["means_free"]:
+        other = [*asked, "--sheet"]
+        rules = {f"--factory takes no {other[0]}; it reads what the factory measured": asked or has_sheet}
+    for message, is_broken in rules.items():
+        if is_broken:
+            raise InputError.of("E_USAGE", message)
 
 
 def _gives_poses(options: dict[str, Any]) -> bool:
@@ -109,15 +102,11 @@ def _job(run: Callable[..., Any], use: str, **settings: Any) -> Job:
     })  # fmt: skip
 
 
-def _writer(path: str | None, write: Callable[[Any], object]) -> Callable[[Any], tuple[str, ...]]:
-
-    def run(result: Any) -> tuple[str, ...]:
-        if path is None:
-            return ()
-        write(result)
-        return (f"wrote {path}",)
-
-    return run
+def _write(path: str | None, write: Callable[[Any], object], result: Any) -> tuple[str, ...]:
+    if path is None:
+        return ()
+    write(result)
+    return (f"wrote {path}",)
 
 
 def _factory(asked: Asked, model: ErrorModel) -> Job:
@@ -125,7 +114,7 @@ def _factory(asked: Asked, model: ErrorModel) -> Job:
 
     path = asked.options["urdf"]
     run = partial(ur_calibration, asked.options["factory"], model)
-    write = _writer(path, lambda result: result.to_urdf(path))
+    write = partial(_write, path, lambda result: result.to_urdf(path))
     return _job(run, "factory", files=lambda _: Files(), write=write, findings=())
 
 
@@ -134,7 +123,7 @@ def _population(asked: Asked, model: ErrorModel, measurements: tuple[Measurement
     from precision_pin.base.files import write_text
 
     robots, path = asked.options["robots"], asked.options["sheet_path"]
-    write = _writer(path, lambda result: write_text(Path(path), population_sheet(result, Path(path).parent)))
+    write = partial(_write, path, lambda one: write_text(Path(path), population_sheet(one, Path(path).parent)))
     means: Literal["sheet", "estimated"] = "estimated" if asked.options["means_free"] else "sheet"
     run = partial(population, model, robots, measurements, means=means, findings=asked.sheet.findings)
     steps = len(robots) + len(model.space.draws)
@@ -151,7 +140,7 @@ def _plan(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[st
 
     options, path = asked.options, asked.options["csv_path"]
     poses, sheet = _measured_poses(asked, model, measurement, _CANDIDATES)
-    write = _writer(path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q)))
+    write = partial(_write, path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q)))
     run = partial(
         plan_calibration, model, poses, options["count"], measurement, at=at, criterion=options["criterion"] or "task",
         seed=options["seed"], findings=sheet.findings,

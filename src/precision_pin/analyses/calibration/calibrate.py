@@ -98,18 +98,8 @@ class CalibrationResult(PosesOutcome):
     KEYS: ClassVar[Keys] = (
         *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings", "verdict"),
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
-        *(
-            "set_up",
-            "set_ups",
-            "rank",
-            "observability",
-            "identifiability",
-            "posterior",
-            "in_sheet",
-            "intervals",
-            "poses",
-        ),
-        *("residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
+        *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "in_sheet", "intervals"),
+        *("poses", "residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
         *("improvement", "noise", "lines=data.lines", "data=given", "findings"),
     )
 
@@ -153,10 +143,8 @@ class CalibrationResult(PosesOutcome):
     def verdict(self) -> Verdict:
         """Whether model and data agree."""
         chance = self.probability
-        if chance is None:
-            return "not tested"
-        if chance < fitting.DOUBTFUL:
-            return "disagrees"
+        if chance is None or chance < fitting.DOUBTFUL:
+            return "not tested" if chance is None else "disagrees"
         return "better than stated" if self.degrees_of_freedom > 0 and 1 - chance < fitting.DOUBTFUL else "agrees"
 
     def interval(self, name: str, probability: float = LEVEL) -> tuple[float, float]:
@@ -181,8 +169,7 @@ class CalibrationResult(PosesOutcome):
         """Estimated values of all components of the original model's space, ``(d,)``; of other scopes their means."""
         space = self.original.space
         x = space.mean.copy()
-        for name, value in self.posterior.mean.items():
-            x[space.index[name]] = value
+        x[[space.index[name] for name in self.posterior.names]] = list(self.posterior.mean.values())
         return x
 
     def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
@@ -210,22 +197,20 @@ class CalibrationResult(PosesOutcome):
     def rms(self, which: Literal["before", "after", "left out"]) -> float:
         """Return the root mean square length (m) of the residuals of the readings that have weight."""
         values = {"before": self.residuals_before, "after": self.residuals, "left out": self.left_out}[which]
-        gross = {error.reading for error in self.gross_errors}
-        used = [k for k in range(len(self.data)) if k not in gross]
-        return float(np.sqrt((values[used][:, :3] ** 2).sum(axis=1).mean()))
+        used = np.delete(values, [error.reading for error in self.gross_errors], axis=0)
+        return float(np.sqrt((used[:, :3] ** 2).sum(axis=1).mean()))
 
     @property
     def rms_residual(self) -> dict[str, float]:
         """Root mean squares of :meth:`rms`, as in the JSON."""
-        return {"before": self.rms("before"), "after": self.rms("after"), "left_out": self.rms("left out")}
+        return {which.replace(" ", "_"): self.rms(which) for which in ("before", "after", "left out")}
 
     @property
     def in_sheet(self) -> dict[str, dict[str, float]]:
         """Mean and deviation of each number by the sheet's laws, as in the JSON; of a sheet calibrated before not the prior."""
-        sheet = self.original.sheet
-        if sheet is None:
+        if self.original.sheet is None:
             return {}
-        space = sheet.whole_space
+        space = self.original.sheet.whole_space
         stds = np.sqrt(space.block_covariance.variances)
         columns = {name: space.index[name] for name in self.posterior.names if name in space.index}
         return {name: {"mean": float(space.mean[k]), "std": float(stds[k])} for name, k in columns.items()}
@@ -238,15 +223,10 @@ class CalibrationResult(PosesOutcome):
     @property
     def given(self) -> dict[str, Any]:
         """Joint values and readings as in the JSON, a row for each reading; ``std`` and ``group`` where they are given."""
-        data = self.data
+        data, joints = self.data, self.original.chain.joint_names
         several = {"measured_by": data.part, "visit": data.visit} if len(data.measurements) > 1 else {}
-        optional = {"std": data.std, "group": data.group, **several}
-        return {
-            "joints": self.original.chain.joint_names,
-            "q": data.q.T,
-            "readings": data.readings,
-            **{name: values for name, values in optional.items() if values.size},
-        }
+        optional = {name: each for name, each in (("std", data.std), ("group", data.group)) if each.size}
+        return {"joints": joints, "q": data.q.T, "readings": data.readings, **optional, **several}
 
     def __repr__(self) -> str:
         return (
@@ -293,7 +273,7 @@ def calibrate(
     tasks = design.task_poses(fitted, at, given.q)
     noise: dict[str, fitting.EstimatedStd] = {}
     if whole.unknown_deviations:
-        given, (whole, used, best, distances), noise = _with_std(whole, given, has_prior=prior)
+        given, whole, (used, best, distances), noise = _with_std(whole, given, has_prior=prior)
     else:
         used, best, distances = without_gross_errors(whole, given, has_prior=prior)
     repeated = sum(labels.size - np.unique(labels).size for labels in used.labels)
@@ -303,8 +283,8 @@ def calibrate(
     without = fitting.leave_out(used, best.estimator, best.local, best.residuals, groups)
     alone = SetUpAlone.of(used)
     repeats = (one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats")
-    of_column, known = bool(given.group.size), min(repeats, default=SURE)
-    improvement = judge(used, best, without, alone, groups, of_column=of_column, known=known)
+    by: Literal["poses", "groups"] = "groups" if given.group.size else "poses"
+    improvement = judge(used, best, without, alone, groups, by, min(repeats, default=SURE))
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
@@ -312,7 +292,7 @@ def calibrate(
     seen = design.of_stack(unit.names, *slopes, used.instruments.nuisances, len(given) - len(distances))
     design.refuse_where_nothing_is_seen(seen)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
-    variances = np.diag(estimator.nuisance_covariance())
+    variances = np.diag(estimator.joint_covariance)[best.z.size :]
     gross = tuple(
         GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])), row)
         for row in sorted(distances)
@@ -340,7 +320,9 @@ def calibrate(
         repeated=repeated,
         gross_errors=gross,
         at_bounds=best.at_bounds,
-        poses=errors_left(tasks, unit, estimator, used.instruments.displaces_base, fitted.space),
+        poses=errors_left(
+            tasks, unit, estimator, any(part.displaces_base for part in given.measurements), fitted.space
+        ),
         original=model,
         model=model.calibrated(Estimates(unit.names, mean, covariance)),
         data=given,
@@ -366,13 +348,14 @@ def _held(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Find
     wanted = {check_name("kind of source", kind, known) for kind in check_items("only", only, str)}
     if not wanted:
         return model, []
-    draws, count = [], 0
-    for draw, owners in zip(model.space.draws, model.owners, strict=True):
-        if draw.scope is Scope.UNIT and not wanted & {kinds[owner] for owner in owners}:
-            draw, count = held_at_mean(draw), count + draw.law.size
-        draws.append(draw)
-    free = {draw.name for draw, other in zip(draws, model.space.draws, strict=True) if draw is other}
-    space = Space(tuple(draws), tuple(one for one in model.space.correlations if set(one.names) <= free))
+    held = [
+        draw
+        for draw, owners in zip(model.space.draws, model.owners, strict=True)
+        if draw.scope is Scope.UNIT and not wanted & {kinds[owner] for owner in owners}
+    ]
+    names, count = {draw.name for draw in held}, sum(draw.law.size for draw in held)
+    draws = tuple(held_at_mean(draw) if draw.name in names else draw for draw in model.space.draws)
+    space = Space(draws, tuple(one for one in model.space.correlations if not names & set(one.names)))
     message = (
         f"only {', '.join(sorted(wanted))}: {count} numbers of other sources are held at their means; the errors before and "
         "after leave them out"
@@ -391,14 +374,14 @@ def measured_problem(
     return given, bases, whole
 
 
+Weighed = tuple[fitting.Problem, fitting.Fit, dict[int, float]]
+"""Problem and fit without gross errors, and the squared size of each of these by its row."""
+
+
 def _with_std(
     whole: fitting.Problem, data: CalibrationData, *, has_prior: bool
-) -> tuple[
-    CalibrationData,
-    tuple[fitting.Problem, fitting.Problem, fitting.Fit, dict[int, float]],
-    dict[str, fitting.EstimatedStd],
-]:
-    """Return data, problem, fit as :func:`without_gross_errors` does, and the deviations, estimated where the fit has settled."""
+) -> tuple[CalibrationData, fitting.Problem, Weighed, dict[str, fitting.EstimatedStd]]:
+    """Return data, problem, :func:`without_gross_errors`, and the deviations, estimated where the fit has settled."""
     kinds = whole.unknown_deviations
     used, z, nuisances = whole, np.zeros(whole.unit.root.shape[1]), whole.start
     for _ in range(_ROUNDS):
@@ -418,13 +401,11 @@ def _with_std(
     is_new = whole.unknown_deviations["std"][:, 0]
     std = np.where(is_new, whole.deviations[:, 0], data.std) if data.std.size else data.std
     data = replace(data, measurements=parts, std=std)
-    return data, (whole, used, best, gross), noise
+    return data, whole, (used, best, gross), noise
 
 
-def without_gross_errors(
-    whole: fitting.Problem, data: CalibrationData, *, has_prior: bool
-) -> tuple[fitting.Problem, fitting.Fit, dict[int, float]]:
-    """Return the problem and fit without gross errors, and the squared size of each of these by its row.
+def without_gross_errors(whole: fitting.Problem, data: CalibrationData, *, has_prior: bool) -> Weighed:
+    """Return problem and fit without gross errors, and these.
 
     Readings are left out one at a time: the one with the largest residual in a fit without it, if too large for the rest.
     """
@@ -490,8 +471,9 @@ def calibrated_sheet(original: str, new: str) -> str:
         data = dict(read_text(text, original).data)
         if folder != Path(new).resolve().parent:
             if _names_tables(data):
-                message = f"the calibrated sheet must be in the folder of {original}, which names tables beside it"
-                raise InputError(message)
+                raise InputError(
+                    f"the calibrated sheet must be in the folder of {original}, which names tables beside it"
+                )
             if not data["robot"].startswith(ELSEWHERE):
                 data["robot"] = str(folder / data["robot"])
                 text = _ROBOT.sub(lambda _: f"robot: {json.dumps(data['robot'])}\n", text)
@@ -503,8 +485,9 @@ def calibrated_sheet(original: str, new: str) -> str:
     except SheetError:
         is_same = False
     if not is_same:
-        message = f"the key 'calibrated' cannot be added to {original}; write its keys each in a line of its own"
-        raise InputError(message)
+        raise InputError(
+            f"the key 'calibrated' cannot be added to {original}; write its keys each in a line of its own"
+        )
     return text
 
 
@@ -654,9 +637,8 @@ def judge(
     after: fitting.LeftOut,
     alone: SetUpAlone,
     groups: NDArray[np.intp],
-    *,
-    of_column: bool,
-    known: float = SURE,
+    grouped_by: Literal["poses", "groups"],
+    known: float,
 ) -> Improvement | None:
     """Return how a fit does on the groups left out of it; ``None`` where no group's readings follow from the others.
 
@@ -679,9 +661,8 @@ def judge(
         root = best.local.leverage_root()
         interval = gain_interval(squares[0], squares[1], weights, float((root**2).sum()) / len(root))
     share = LeftOutShare.of(after.distance[used], problem.sizes[used], min(after.trials, count), known)
-    roots = [float(np.sqrt(mean)) for mean in means]
-    by: Literal["poses", "groups"] = "groups" if of_column else "poses"
-    return Improvement(roots[0], roots[1], interval, roots[2], count, by, int(used.size), share)
+    before_rms, after_rms, rms = (float(np.sqrt(mean)) for mean in means)
+    return Improvement(before_rms, after_rms, interval, rms, count, grouped_by, int(used.size), share)
 
 
 def doubt_improvement(found: Improvement | None) -> Iterator[Finding]:

@@ -135,16 +135,13 @@ def _together(parts: Sequence[CalibrationData]) -> CalibrationData:
     width = max(part.readings.shape[1] for part in parts)
     std, group = np.zeros(0), np.zeros(0)
     if any(part.std.size for part in parts):
-        usual = [np.array([one.std for one in part.measurements])[part.part] for part in parts]
+        usual = (np.array([one.std for one in part.measurements])[part.part] for part in parts)
         std = np.concatenate([part.std if part.std.size else own for part, own in zip(parts, usual, strict=True)])
     if any(part.group.size for part in parts):
         # a reading without a group forms its own
         free = 1 + max(part.group.max() for part in parts if part.group.size)
-        group = np.concatenate([part.group if part.group.size else free + part.visit for part in parts])
-        starts = np.cumsum([0, *map(len, parts)])
-        for part, start in zip(parts, starts, strict=False):
-            if not part.group.size:
-                group[start : start + len(part)] += start
+        starts = zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)
+        group = np.concatenate([part.group if part.group.size else free + part.visit + k for part, k in starts])
     first = np.cumsum([0, *(len(part.measurements) for part in parts)])
     visits = np.cumsum([0, *(int(part.visit.max(initial=-1)) + 1 for part in parts)])
     return CalibrationData(
@@ -171,13 +168,12 @@ def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measur
     count = q.shape[1]
     is_contact = readings is None and measurement.kind in _CONTACT
     given = np.zeros((count, measurement.size)) if is_contact else np.asarray(readings)
-    findings: list[Finding] = []
-    kept = np.arange(count)
+    is_read = np.ones(count, dtype=bool)
     if given.dtype.kind == "f" and len(given) == count:
         is_read = np.asarray(~np.isnan(given.reshape(count, -1)).any(axis=1))
-        kept = np.flatnonzero(is_read)
-        findings += _missing("the reading", ~is_read, tuple(range(1, count + 1)), "")
-        given = given[kept]
+        given = given[is_read]
+    findings = _missing("the reading", ~is_read, range(1, count + 1), "")
+    kept = np.flatnonzero(is_read)
     rows = len(kept)
     if measurement.kind == "pose" and given.ndim == 3 and given.shape[1:] == (4, 4):
         matrices = check_numbers("the readings", given, (rows, 4, 4))
@@ -190,16 +186,13 @@ def _of_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Measur
         values = check_numbers("the readings", given, (rows, measurement.size), needs)
     if not is_contact:
         own = [row.tobytes() for row in np.hstack([q[:, kept].T, values])]
-        first, again = _without_copies(own, [int(k) + 1 for k in kept], "")
+        first, again = _without_copies(own, (kept + 1).tolist(), "")
         findings += again
         kept, values = kept[first], values[first]
     if not len(kept):
         raise _wrong("", "no reading is left")
-    lines = tuple(int(k) + 1 for k in kept)
-    columns = np.ascontiguousarray(q[:, kept])
-    return CalibrationData(
-        columns, values, np.zeros(0), np.zeros(0), "", lines, (measurement,), ("",), findings=tuple(findings)
-    )
+    columns, lines, none = np.ascontiguousarray(q[:, kept]), tuple((kept + 1).tolist()), np.zeros(0)
+    return CalibrationData(columns, values, none, none, "", lines, (measurement,), ("",), findings=tuple(findings))
 
 
 def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], path: str) -> list[Finding]:
@@ -212,10 +205,7 @@ def _missing(what: str, is_missing: NDArray[np.bool_], lines: Sequence[int], pat
 
 def _without_copies(rows: Sequence[object], lines: Sequence[int], path: str) -> tuple[list[int], list[Finding]]:
     first: dict[object, int] = {}
-    copies = []
-    for k, row in enumerate(rows):
-        if first.setdefault(row, k) != k:
-            copies.append((k, first[row]))
+    copies = [(k, first[row]) for k, row in enumerate(rows) if first.setdefault(row, k) != k]
     if not copies:
         return list(range(len(rows))), []
     copy, original = copies[0]
@@ -257,23 +247,18 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
         kept, again = _without_copies(whole, table.lines, path)
     is_new = np.isin(np.arange(q.shape[1]), kept) & has_pose
     read = [_values(table, columns, one) for one, columns in targets]
-    usable: list[NDArray[np.bool_]] = []
-    for (_, columns), values in zip(targets, read, strict=True):
-        is_there = np.asarray(np.isfinite(values).all(axis=1))
+    there = [np.asarray(np.isfinite(values).all(axis=1)) for values in read]
+    for (_, columns), is_there in zip(targets, there, strict=True):
         findings += _missing(" or ".join(columns), ~is_there & is_new, table.lines, path)
-        usable.append(is_there & is_new)
+    usable = [is_there & is_new for is_there in there]
     findings += [*again, *_dependent(targets, read, usable, path)]
     width = max(one.size for one, _ in targets)
     present = [k for k in range(len(targets)) if usable[k].any()]
-    rows = [np.flatnonzero(usable[k]) for k in present]
-    chosen = np.concatenate([*rows, np.zeros(0, dtype=np.intp)]).astype(np.intp)
-    part = np.repeat(np.arange(len(present)), [len(own) for own in rows])
-    # row by row, so that the targets of a row follow each other
-    order = np.lexsort((part, chosen))
-    chosen, part = chosen[order], part[order]
-    if not chosen.size:
+    if not present:
         raise _wrong(path, "no reading is left")
-    readings = np.concatenate([_padded(read[k][own], width) for k, own in zip(present, rows, strict=True)])[order]
+    # row by row, so that the targets of a row follow each other
+    chosen, part = np.nonzero(np.array([usable[k] for k in present]).T)
+    readings = np.array([_padded(read[k], width) for k in present])[part, chosen]
     return CalibrationData(
         np.ascontiguousarray(q[:, chosen]),
         readings,
@@ -297,17 +282,15 @@ def _targets(
     table: csv_columns.Measured, joints: Sequence[str], measurement: Measurement, path: str, is_alone: bool
 ) -> list[_Target]:
     wanted, own = COLUMNS[measurement.kind], measurement.target_name
-    free = [name for name in table.names if name not in joints]
+    free = set(table.names) - set(joints)
 
     def columns(name: str) -> tuple[str, ...]:
         return tuple(f"{one}{name}" for one in wanted)
 
-    if own:
-        name = next((name for name in (own, f"_{own}") if set(columns(name)) & set(free)), "")
+    if own or free & set(wanted):
+        name = next((name for name in (own, f"_{own}") if free & set(columns(name))), "")
         return [(measurement, columns(name))]
-    if set(wanted) & set(free):
-        return [(measurement, wanted)]
-    numbered = (re.fullmatch(rf"(?:{'|'.join(wanted)})(\d+)", name) for name in free)
+    numbered = (re.fullmatch(rf"(?:{'|'.join(wanted)})(\d+)", name) for name in table.names if name in free)
     numbers = dict.fromkeys(one[1] for one in numbered if one)
     if measurement.kind in _CONTACT and not numbers:
         if is_alone:
@@ -407,11 +390,9 @@ def _dependent(
 
 
 def _check_joint_values(chain: Chain, q: Array, path: str, table: csv_columns.Measured) -> None:
-    low, high = chain.configurations.limits
-    for k, joint in enumerate(chain.joints):
+    for k, (joint, low, high) in enumerate(zip(chain.joints, *chain.configurations.limits, strict=True)):
         unit = table.unit_of(joint.name, joint_quantity(joint))
-        span = high[k] - low[k] if np.isfinite(high[k] - low[k]) else 2 * np.pi
-        middle = (high[k] + low[k]) / 2 if np.isfinite(high[k] - low[k]) else 0.0
+        span, middle = (high - low, (high + low) / 2) if np.isfinite(high - low) else (2 * np.pi, 0.0)
         beyond = np.abs(q[k] - middle) > (0.5 + _FAR) * span
         if joint.kind != "prismatic":
             beyond |= np.abs(q[k]) > _LARGEST_TURN
@@ -436,7 +417,7 @@ def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float,
     """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below comments."""
     headings, columns = _joints(chain, q)
     more, values = _readings(COLUMNS[kind], readings)
-    stds = [_short(1e3 * std)] * len(readings)
+    stds = [f"{1e3 * std:.6f}"] * len(readings)
     return csv_text([*headings, *more, "std [mm]"], zip(*columns, *values, stds, strict=True), comments)
 
 
@@ -462,11 +443,7 @@ def _joints(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
 def _readings(names: Sequence[str], readings: Array) -> tuple[list[str], list[list[str]]]:
     """Return headings with units, and the columns of the readings, to 1 nm and 1 nrad."""
     headings = [f"{name} [{'mrad' if name.startswith('r') else 'mm'}]" for name in names]
-    return headings, [[_short(value) for value in column] for column in (1e3 * readings.T).tolist()]
-
-
-def _short(value: float) -> str:
-    return f"{value:.6f}"
+    return headings, [[f"{value:.6f}" for value in column] for column in (1e3 * readings.T).tolist()]
 
 
 def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:
@@ -503,13 +480,11 @@ def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, sig
     is_free, is_distance = measurement.base == "free", measurement.kind == "distance"
     readings = data.readings[:, :3]
 
-    size = count + 3 + (3 if is_distance and is_free else 0)
-    estimated = np.ones(size, dtype=bool)
-    estimated[count : count + 3] = not measurement.target_known
+    is_estimated = [True] * count + [not measurement.target_known] * 3 + [True] * (3 if is_distance and is_free else 0)
 
     def residuals(y: Array) -> Array:
-        x = np.zeros(size)
-        x[estimated] = y
+        x = np.zeros(len(is_estimated))
+        x[is_estimated] = y
         pose = chain.at_columns(q + x[:count, None]).pose
         target = np.array(measurement.target) + x[count : count + 3]
         points = (pose[:3, 3] + np.einsum("ijp,j->ip", pose[:3, :3], target)).T
@@ -518,10 +493,9 @@ def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, sig
             away = np.linalg.norm(points - anchor, axis=1) - readings[:, 0]
         else:
             away = (_aligned(points, readings) if is_free else points) - readings
-        held = np.concatenate([x[:count], [] if measurement.target_known else x[count : count + 3]])
-        return np.concatenate([away.ravel(), _HOLD * held])
+        return np.concatenate([away.ravel(), _HOLD * y[: count + (0 if measurement.target_known else 3)]])
 
-    found = scipy.optimize.least_squares(residuals, np.zeros(int(estimated.sum())), method="trf", max_nfev=40)
+    found = scipy.optimize.least_squares(residuals, np.zeros(sum(is_estimated)), method="trf", max_nfev=40)
     left = found.fun[: len(data) * (1 if is_distance else 3)]
     return Zeros(found.x[:count], float(np.sqrt((left**2).sum() / len(data))))
 
@@ -574,18 +548,11 @@ def _reversals(count: int) -> Iterator[Array]:
     """Yield signs of the joints ``(n,)`` with some reversed, the fewest first, up to the limit."""
     chosen = (one for number in range(1, count + 1) for one in combinations(range(count), number))
     for one in islice(chosen, _MOST_TRIED):
-        signs = np.ones(count)
-        signs[list(one)] = -1.0
-        yield signs
+        yield np.where(np.isin(np.arange(count), one), -1.0, 1.0)
 
 
 def describe_zeros(chain: Chain, zeros: Zeros) -> str:
     """Return zeros in words, the largest first."""
     order = np.argsort(-np.abs(zeros.values), kind="stable")[:3]
-    words = [
-        f"{chain.joint_names[k]} {1e3 * zeros.values[k]:+.3g} mm"
-        if chain.prismatic[k]
-        else f"{chain.joint_names[k]} {np.degrees(zeros.values[k]):+.3g}°"
-        for k in order
-    ]
-    return ", ".join(words)
+    scales = [(1e3, " mm") if slides else (180 / np.pi, "°") for slides in chain.prismatic]
+    return ", ".join(f"{chain.joint_names[k]} {scales[k][0] * zeros.values[k]:+.3g}{scales[k][1]}" for k in order)

@@ -99,7 +99,7 @@ class UnitNumbers:
     @cached_property
     def is_independent(self) -> bool:
         """True if the numbers are uncorrelated, so that L is diagonal."""
-        return self.root.shape[0] == self.root.shape[1] and not np.any(self.root - np.diag(np.diag(self.root)))
+        return np.array_equal(self.root, np.diag(self.std))
 
     def values(self, z: Array) -> Array:
         """Return x for z ``(r, …)``."""
@@ -176,14 +176,12 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
 def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
     """Return the measurement given, or the sheet's; raise for an unknown std without readings to estimate it."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
-    if measurement is None:
-        found = None if model.sheet is None else model.sheet.measurement
-    else:
-        found = check_instance("measurement", measurement, Measurement, "pp.Measurement(kind=..., std=...)")
+    found = measurement if measurement is not None or model.sheet is None else model.sheet.measurement
     if found is None:
         raise InputError(
             "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
         )
+    check_instance("measurement", found, Measurement, "pp.Measurement(kind=..., std=...)")
     if not found.std_known and not has_data:
         raise InputError(
             "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
@@ -195,12 +193,11 @@ def measurements_of(
     model: ErrorModel, given: Measurement | Sequence[Measurement] | None, *, has_data: bool = False
 ) -> tuple[Measurement, ...]:
     """Return the measurement or measurements given, or the sheet's, as :func:`measurement_of` does."""
-    if isinstance(given, list | tuple) and given:
-        return tuple(measurement_of(model, one, has_data=has_data) for one in given)
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if given is None and model.sheet is not None and model.sheet.measurements:
         return model.sheet.measurements
-    return (measurement_of(model, given, has_data=has_data),)  # type: ignore[arg-type]
+    listed = given if isinstance(given, list | tuple) and given else (given,)
+    return tuple(measurement_of(model, one, has_data=has_data) for one in listed)  # type: ignore[arg-type]
 
 
 def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
@@ -208,12 +205,11 @@ def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
     chain = model.chain.with_target((0.0, 0.0, 0.0)) if model.chain.target.any() else model.chain
     if measurement.load is None:
         return model if chain is model.chain else model.like(chain, model.space)
-    kept = [k for k, source in enumerate(model.sources) if not source.is_put_down]
-    own = tuple(f"load[{k + 1}]" for k in range(len(measurement.load)))
+    is_kept = [not source.is_put_down for source in model.sources]
     # the numbers of absent payloads stay in the space and change nothing
     other = model.like(chain, model.space)
-    other.sources = (*(model.sources[k] for k in kept), *measurement.load)
-    other.labels = (*(model.labels[k] for k in kept), *own)
+    other.sources = (*compress(model.sources, is_kept), *measurement.load)
+    other.labels = (*compress(model.labels, is_kept), *(f"load[{k + 1}]" for k in range(len(measurement.load))))
     return other
 
 
@@ -232,23 +228,22 @@ def stations_of(
 
 
 def stack_at_means(
-    stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement, deviations: Array | None = None
+    stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement, factor: float = 1.0
 ) -> tuple[Array, Array]:
     """Return the whitened derivatives of all readings at the means: by z ``(P, m, r)`` and by nuisances ``(P, m, k)``.
 
-    ``deviations`` ``(P, m)`` are standard deviations of the readings, by default the instrument's.
+    The standard deviations of the readings are the instrument's times ``factor``.
     """
     count = sum(len(station.rows) for station in stations)
     by_z = np.zeros((count, measurement.size, unit.root.shape[1]))
     by_nuisance = np.zeros((count, measurement.size, len(measurement.nuisances)))
-    given = np.broadcast_to(measurement.deviations, (count, measurement.size)) if deviations is None else deviations
-    zero = np.zeros(len(measurement.nuisances))
+    variances, zero = (factor * measurement.deviations) ** 2, np.zeros(len(measurement.nuisances))
     for station in stations:
         rows = list(station.rows)
         slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
         by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
-        root = station.noise_root(by_error, given[rows].ravel() ** 2, visits)
+        root = station.noise_root(by_error, np.tile(variances, len(rows)), visits)
         white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
         parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
         by_z[rows], by_nuisance[rows] = parts
@@ -312,15 +307,15 @@ class Estimator:
         """Return the estimator of whitened derivatives; without a prior, of combinations kept or determined."""
         projected, rank = project_out(by_z, by_nuisance)
         if has_prior:
-            whole = np.eye(by_z.shape[1])
-            return cls(by_z, by_nuisance, projected, rank, covariance_with_prior(by_z, by_nuisance), whole, has_prior)
-        if kept is None:
-            _, values, rows = np.linalg.svd(projected, full_matrices=True)
-            kept = rows[: int((values > WEAKEST).sum())].T
-        _, triangle = np.linalg.qr(projected @ kept)
-        inverse = np.linalg.pinv(triangle, rcond=1e-12)
-        # combinations that the readings do not determine keep their prior
-        covariance = kept @ inverse @ inverse.T @ kept.T + np.eye(len(kept)) - kept @ kept.T
+            kept, covariance = np.eye(by_z.shape[1]), covariance_with_prior(by_z, by_nuisance)
+        else:
+            if kept is None:
+                _, values, rows = np.linalg.svd(projected, full_matrices=True)
+                kept = rows[: int((values > WEAKEST).sum())].T
+            _, triangle = np.linalg.qr(projected @ kept)
+            inverse = np.linalg.pinv(triangle, rcond=1e-12)
+            # combinations that the readings do not determine keep their prior
+            covariance = kept @ inverse @ inverse.T @ kept.T + np.eye(len(kept)) - kept @ kept.T
         return cls(by_z, by_nuisance, projected, rank, covariance, kept, has_prior)
 
     def estimate(self, readings: Array, low: Array | None = None, high: Array | None = None) -> Array:
@@ -365,11 +360,6 @@ class Estimator:
         cross = -self.covariance @ through.T
         own = inverse @ inverse.T + through @ self.covariance @ through.T
         return np.block([[self.covariance, cross], [cross.T, own]])
-
-    def nuisance_covariance(self) -> Array:
-        """Return the covariance of the nuisances, ``(k, k)``, as far as determined."""
-        size = self.by_z.shape[1]
-        return self.joint_covariance[size:, size:]
 
 
 def task_poses(model: ErrorModel, at: object, measured: Array) -> list[tuple[str, PoseModel]]:
@@ -456,15 +446,12 @@ class Identifiability(Record):
     @property
     def determined(self) -> tuple[str, ...]:
         """Numbers that are determined each by itself."""
-        return self._named(np.diag(self.projector) <= _ENTRY)
+        return tuple(compress(self.names, np.diag(self.projector) <= _ENTRY))
 
     @property
     def unseen(self) -> tuple[str, ...]:
         """Numbers that no reading sees."""
-        return self._named(np.diag(self.projector) >= 1 - _ENTRY)
-
-    def _named(self, chosen: NDArray[np.bool_]) -> tuple[str, ...]:
-        return tuple(compress(self.names, chosen))
+        return tuple(compress(self.names, np.diag(self.projector) >= 1 - _ENTRY))
 
     @property
     def combinations(self) -> tuple[Group, ...]:
@@ -547,9 +534,8 @@ def remarks_on(found: Identifiability) -> Iterator[Finding]:
         )
         yield Finding("warning", "W_UNOBSERVABLE", message)
     elif found.unseen:
-        listed = some(found.unseen, 3)
         keeps = "they keep their tolerances" if len(found.unseen) > 1 else "it keeps its tolerance"
-        yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {listed}; {keeps}")
+        yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {some(found.unseen, 3)}; {keeps}")
 
 
 def rank_findings(found: Identifiability) -> Iterator[Finding]:
@@ -573,15 +559,10 @@ def rank_findings(found: Identifiability) -> Iterator[Finding]:
 def observability(singular_values: Array, poses: int) -> dict[str, float]:
     """Return the observability indices O1 to O5 (Sun, Hollerbach 2008) of singular values in prior std and noise."""
     s = np.sort(singular_values)[::-1]
-    if not s.size or poses < 1:
-        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
-    return {
-        "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
-        "O2": float(s[-1] / s[0]),
-        "O3": float(s[-1]),
-        "O4": float(s[-1] ** 2 / s[0]),
-        "O5": float(1 / (1 / s).sum()),
-    }
+    indices = (0.0,) * 5
+    if s.size and poses:
+        indices = (np.exp(np.log(s).mean()) / np.sqrt(poses), s[-1] / s[0], s[-1], s[-1] ** 2 / s[0], 1 / (1 / s).sum())
+    return {f"O{k}": float(value) for k, value in enumerate(indices, 1)}
 
 
 def subspaces(names: Sequence[str], projector: Array) -> tuple[Group, ...]:
@@ -592,20 +573,15 @@ def subspaces(names: Sequence[str], projector: Array) -> tuple[Group, ...]:
         return ()
     within = projector[np.ix_(mixed, mixed)]
     count, labels = connected_components(csr_array(np.abs(within) > _ENTRY), directed=False)
-    return tuple(_group(names, mixed[labels == k], projector) for k in range(count))
+    groups = (mixed[labels == k] for k in range(count))
+    return tuple(_group(tuple(names[k] for k in group), projector[np.ix_(group, group)]) for group in groups)
 
 
-def _group(names: Sequence[str], members: Array, projector: Array) -> Group:
-    block = projector[np.ix_(members, members)]
+def _group(names: tuple[str, ...], block: Array) -> Group:
     values, vectors = np.linalg.eigh(block)
-    missing = int((values > 0.5).sum())
-    chosen = tuple(names[int(k)] for k in members)
-    unseen = None
-    if missing == 1:
-        weights = vectors[:, -1]
-        weights = weights * np.sign(weights[int(np.argmax(np.abs(weights).round(9)))])
-        unseen = Combination(chosen, tuple(weights.tolist()))
-    return Group(chosen, len(chosen) - missing, unseen)
+    missing, weights = int((values > 0.5).sum()), vectors[:, -1]
+    weights = weights * np.sign(weights[int(np.argmax(np.abs(weights).round(9)))])
+    return Group(names, len(names) - missing, Combination(names, tuple(weights.tolist())) if missing == 1 else None)
 
 
 @final
@@ -625,14 +601,11 @@ class Instruments:
             target = "target" + (f"[{part.target_name}]" if part.target_name else "")
             for name in (*part.nuisances, f"{target}.x"):
                 other = first.setdefault(name, part)
+                key, is_same = "base_name", part.place == other.place
                 if name.startswith("target"):
-                    is_same = part.target_known == other.target_known and (
-                        part.target_known or part.target == other.target
-                    )
-                else:
-                    is_same = part.place == other.place
+                    key, is_same = "target_name", part.target_known == other.target_known
+                    is_same &= part.target_known or part.target == other.target
                 if not is_same:
-                    key = "target_name" if name.startswith("target") else "base_name"
                     raise InputError(
                         f"two measurements share {name.partition('.')[0]} and say different things of it; "
                         f"give each {key} of its own"
@@ -650,11 +623,6 @@ class Instruments:
         place = {name: k for k, name in enumerate(self.nuisances)}
         return tuple(np.array([place[name] for name in part.nuisances], dtype=np.intp) for part in self.parts)
 
-    @property
-    def displaces_base(self) -> bool:
-        """Whether the first six nuisances displace the base."""
-        return any(part.displaces_base for part in self.parts)
-
     def slopes(self, part: int, pose: Array, error: Array, nuisances: Array) -> Slopes:
         """Return the derivatives of a reading as :meth:`Measurement.slopes`, by all nuisances."""
         own = self.parts[part].slopes(pose, error, nuisances[self.columns[part]])
@@ -665,14 +633,13 @@ class Instruments:
 
 def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station, ...]:
     """Return a station for each different pose and load."""
-    found: list[Station] = []
     loads = [part.load for part in data.measurements]
     own = np.array([loads.index(load) for load in loads])[data.part]
-    for k in np.unique(own):
-        rows = np.flatnonzero(own == k)
-        for station in stations_of(model, data.q[:, rows], data.measurements[k]):
-            found.append(Station(station.at, tuple(rows[list(station.rows)].tolist())))
-    return tuple(found)
+    return tuple(
+        Station(station.at, tuple(rows[list(station.rows)].tolist()))
+        for k, rows in ((k, np.flatnonzero(own == k)) for k in np.unique(own))
+        for station in stations_of(model, data.q[:, rows], data.measurements[k])
+    )
 
 
 @final
@@ -783,8 +750,8 @@ def nominal_distance(chain: Chain, data: CalibrationData) -> float:
     readings = readings_in_base(data, poses, bases)
     values, slopes = [], []
     for row, number in enumerate(data.part):
-        part, own = data.measurements[number], start[instruments.columns[number]]
-        predicted = part.predict(poses[row], np.zeros((6, 1)), own[:, None])
+        part, own = data.measurements[number], start[instruments.columns[number], None]
+        predicted = part.predict(poses[row], np.zeros((6, 1)), own)
         values.append(part.residual(readings[row, : part.size, None], predicted)[:, 0] / part.deviations)
         slopes.append(instruments.slopes(number, poses[row], np.zeros(6), start).nuisances / part.deviations[:, None])
     white, by_nuisance = np.concatenate(values), np.concatenate(slopes)

@@ -16,16 +16,7 @@ from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.forecast import CalibrationForecast, CurvePoint
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import Population
-from precision_pin.analyses.calibration.table import (
-    MOST_READINGS,
-    VERDICTS,
-    WorstReadings,
-    describe_measurement,
-    deviations_text,
-    headline,
-    measured_text,
-    verdict_text,
-)
+from precision_pin.analyses.calibration.table import WorstReadings, describe_measurement, measured_text
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
 from precision_pin.render import figure_style
@@ -148,7 +139,7 @@ def calibration_figure(result: CalibrationResult, width: float = figure_style.DO
         axes.xaxis.set_major_locator(MaxNLocator(nbins=6 if width < figure_style.DOUBLE_COLUMN else 10, integer=True))
         axes.set_xlabel("row of the data")
         axes.set_ylabel("residual [mm]")
-        title = f"{visible(result.provenance.robot, 60)}: {verdict_text(result)}; {VERDICTS[result.verdict]}"
+        title = f"{visible(result.provenance.robot, 60)}: {text.verdict_text(result)}; {text.VERDICTS[result.verdict]}"
         note = f"{measured_text(result)}; chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom"
         _finish(made, axes, title, note)
     return made
@@ -246,9 +237,10 @@ class CalibrationLayer:
     def legend(self) -> str:
         """Return the section of the legend: the answer, the worst readings, the colours, and how large all is drawn."""
         result, worst = self.result, self.worst
-        said = "".join(f"<p>{escaped(line)}</p>" for line in headline(result))
+        said = "".join(f"<p>{escaped(line)}</p>" for line in text.headline(result))
         count, drawn = len(result.data), len(worst.lines)
-        which = f"the worst {drawn:,} of {count:,} readings" if drawn < count else _counted(count)
+        which = "the reading" if count == 1 else f"all {count:,} readings"
+        which = f"the worst {drawn:,} of {count:,} readings" if drawn < count else which
         before = " checked" if drawn <= _FEW else ""
         limited = " ".join(dict.fromkeys(_LIMITED.get(one.kind, "") for one in result.data.measurements))
         return (
@@ -270,13 +262,13 @@ class CalibrationLayer:
     def _buttons(self) -> str:
         worst = self.worst
         entries = []
-        for k in range(min(MOST_READINGS, len(worst.lines))):
+        for k in range(min(text.MOST_READINGS, len(worst.lines))):
             unweighted = ", no weight" if worst.is_gross[k] else ""
-            size, deviations = milli(float(worst.sizes[k]), 3), deviations_text(worst.deviations[k])
-            text = f"{worst.labels[k]}: {size} mm, {deviations} std{unweighted}"
+            size, deviations = milli(float(worst.sizes[k]), 3), text.deviations_text(worst.deviations[k])
+            label = f"{worst.labels[k]}: {size} mm, {deviations} std{unweighted}"
             pressed = "false" if k else "true"
             entries.append(
-                f'<li><button type="button" data-reading="{k}" aria-pressed="{pressed}">{escaped(text)}</button></li>'
+                f'<li><button type="button" data-reading="{k}" aria-pressed="{pressed}">{escaped(label)}</button></li>'
             )
         return "".join(entries)
 
@@ -285,10 +277,6 @@ class CalibrationLayer:
             return ""
         words = "red: readings that fit no other and were given no weight"
         return f'<li class="row"><i class="line gross"></i><span>{escaped(words)}</span></li>'
-
-
-def _counted(count: int) -> str:
-    return "the reading" if count == 1 else f"all {count:,} readings"
 
 
 def _rounded(values: Array) -> list[float]:
@@ -350,9 +338,8 @@ def _readings(result: CalibrationResult) -> list[Child]:
 
 
 def _poses(result: CalibrationResult) -> list[Child]:
-    rows = text.pose_rows(result.poses, result.measurement)
-    notes = [*text.poses_with_less(len(result.poses)), text.explanation(result.poses)]
-    notes += [text.SEEN] if result.measurement.displaces_base else []
+    rows = text.pose_rows(result)
+    notes = [*text.poses_with_less(result), text.explanation(result), *[text.SEEN] * result.measurement.displaces_base]
     return [
         table("Position error of the tip, before and after, mm", rows[0], rows[1:]),
         paragraph(f"{'; '.join(notes)}.", class_="note"),

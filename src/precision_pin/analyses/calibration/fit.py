@@ -12,10 +12,11 @@ readings at one pose hold no error of the model: where there are enough of them 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import compress, pairwise, product
 from typing import ClassVar, Final, Literal, NamedTuple, final
 
 import numpy as np
@@ -46,6 +47,7 @@ from precision_pin.draws.space import bounds_of
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.measurement import Slopes
 
+Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 STEPS: Final = 60
 _SETTLED: Final = 1e-8
 """Largest change of z, and of whitened nuisances, at which the estimate has settled."""
@@ -108,7 +110,7 @@ class Problem:
         return np.array([part.size for part in self.instruments.parts])[self.part]
 
     @cached_property
-    def places(self) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]:
+    def places(self) -> tuple[Places, ...]:
         """Row and column in the readings of every number read at a station, in the order of its whitened numbers."""
         listed = ((np.array(station.rows), self.sizes[list(station.rows)]) for station in self.stations)
         return tuple((np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])) for rows, sizes in listed)
@@ -141,21 +143,21 @@ class Problem:
     @cached_property
     def roots(self) -> tuple[Array, ...]:
         """Lower root of the noise of each station's readings."""
-        roots: list[Array] = []
-        for station, places in zip(self.stations, self.places, strict=True):
-            slopes = self.slopes_at(station, station.at.error_at_means, self.start)
-            roots.append(station.noise_root(slopes.error, self.deviations[places] ** 2, self.visit[places[0]]))
-        return tuple(roots)
+        return tuple(
+            station.noise_root(
+                self.slopes_at(station, station.at.error_at_means, self.start).error,
+                self.deviations[places] ** 2,
+                self.visit[places[0]],
+            )
+            for station, places in zip(self.stations, self.places, strict=True)
+        )
 
     def slopes_at(self, station: Station, error: Array, nuisances: Array) -> Slopes:
         """Return the derivatives of all numbers read at a station, ``(M, 6)`` and ``(M, k)``, where the tip's error is given."""
         parts = self.part[list(station.rows)].tolist()
         pose = station.at.posture.pose
         found = {part: self.instruments.slopes(part, pose, error, nuisances) for part in dict.fromkeys(parts)}
-        return Slopes(
-            np.concatenate([found[part].error for part in parts]),
-            np.concatenate([found[part].nuisances for part in parts]),
-        )
+        return Slopes(*(np.concatenate(each) for each in zip(*(found[part] for part in parts), strict=True)))
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -168,6 +170,11 @@ class Problem:
         low, high = (np.array(ends)[unit.columns].T - unit.mean) / unit.std
         return low, high
 
+    @property
+    def at_stations(self) -> Iterator[tuple[Station, Places, slice, Array]]:
+        """Each station with its entries of ``places``, ``spans`` and ``roots``."""
+        return zip(self.stations, self.places, self.spans, self.roots, strict=True)
+
     def without(self, rows: Collection[int]) -> Problem:
         """Return the problem without some readings, which keep their places in the arrays."""
         kept = (Station(one.at, tuple(row for row in one.rows if row not in rows)) for one in self.stations)
@@ -178,7 +185,7 @@ class Problem:
         x = self.unit.components(self.model.space, z[:, None])
         return self.residuals_of([station.at.exact(x) for station in self.stations], nuisances)
 
-    def residuals_of(self, errors: Sequence[Array], nuisances: Array) -> Array:
+    def residuals_of(self, errors: list[Array], nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``, for the error ``(6, 1)`` at each station."""
         result = np.zeros_like(self.readings)
         for station, error in zip(self.stations, errors, strict=True):
@@ -195,11 +202,12 @@ class Problem:
 
     def whiten(self, values: Array) -> Array:
         """Return ``R^(-1/2)`` times ``(P, m, …)``, as ``(M, …)`` with the rows of each station together."""
-        parts = []
-        for places, root in zip(self.places, self.roots, strict=True):
-            own = values[places]
-            parts.append(scipy.linalg.solve_triangular(root, own.reshape(root.shape[0], -1), lower=True))
-        stacked = np.concatenate(parts)
+        stacked = np.concatenate(
+            [
+                scipy.linalg.solve_triangular(root, values[places].reshape(len(root), -1), lower=True)
+                for places, root in zip(self.places, self.roots, strict=True)
+            ]
+        )
         return stacked[:, 0] if values.ndim == 2 else stacked
 
     def slopes(self, z: Array, nuisances: Array, *, plain: bool = False) -> tuple[Array, Array]:
@@ -220,7 +228,7 @@ class Problem:
         estimator, result = best.estimator, np.zeros_like(self.readings)
         is_whole = len(estimator.by_z) == self.spans[-1].stop
         white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(best.z, best.nuisances)
-        for places, span, root in zip(self.places, self.spans, self.roots, strict=True):
+        for _, places, span, root in self.at_stations:
             own = root @ np.hstack([part[span] for part in white])
             variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", own, estimator.joint_covariance, own)
             result[places] = np.sqrt(variances)
@@ -273,80 +281,56 @@ class Fit(NamedTuple):
 
 def fit(problem: Problem, *, has_prior: bool, steps: int = STEPS) -> Fit:
     """Return the estimate of a problem, after a number of steps or when it has settled; refuse one that does not."""
+
+    def measured(z: Array, nuisances: Array) -> tuple[Array, float]:
+        """Return whitened residuals, and the cost."""
+        white = problem.whiten(problem.residuals(z, nuisances))
+        return white, float(white @ white) + (float(z @ z) if has_prior else 0.0)
+
     z, nuisances = np.zeros(problem.unit.root.shape[1]), problem.start
-    white = problem.whiten(problem.residuals(z, nuisances))
-    cost = _cost(white, z, has_prior)
+    white, cost = measured(z, nuisances)
     # without a prior the combinations to estimate are those at the means, the same at every step
     kept = None if has_prior else Estimator.of(*problem.slopes(z, nuisances), has_prior=False).kept
     size, estimator = np.inf, None
-    for step in range(1, steps + 1):
+    for step in range(1, steps + 1):  # noqa: B007
         if estimator is None or size > _SMALL:
             estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
         target = white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
         better = estimator.estimate(target, *problem.bounds)
-        other = estimator.nuisances(target - estimator.by_z @ better)
-        change, other_change = better - z, other - nuisances
+        change, other_change = better - z, estimator.nuisances(target - estimator.by_z @ better) - nuisances
         size = max(np.abs(change).max(initial=0.0), np.abs(estimator.by_nuisance @ other_change).max(initial=0.0))
-        z, nuisances, white, cost = _line_search(problem, z, nuisances, change, other_change, cost, has_prior)
+        # the step is halved until the cost does not rise
+        for share in 0.5 ** np.arange(_HALVINGS):
+            new, other = z + share * change, nuisances + share * other_change
+            try:
+                there, value = measured(new, other)
+            except InputError:  # an error turns a place by half a turn
+                continue
+            # rounding of the sum must not hold up the last steps
+            if value <= cost * (1 + 1e-9) + 1e-9:
+                z, nuisances, white, cost = new, other, there, value
+                break
         if size < _SETTLED * (1 + np.abs(z).max(initial=0.0)):
-            return _result(problem, z, nuisances, white, step, has_prior, kept)
-    if steps < STEPS:
-        return _result(problem, z, nuisances, white, steps, has_prior, kept)
-    raise InputError(
-        f"the fit has not settled after {steps} steps; check the units of the data, the target and the base of the measurement"
-    )
-
-
-def _cost(white: Array, z: Array, has_prior: bool) -> float:
-    return float(white @ white) + (float(z @ z) if has_prior else 0.0)
-
-
-def _line_search(
-    problem: Problem, z: Array, nuisances: Array, change: Array, other_change: Array, cost: float, has_prior: bool
-) -> tuple[Array, Array, Array, float]:
-    """Return the estimate, whitened residuals and cost after a step, halved until the cost does not rise."""
-    share = 1.0
-    for _ in range(_HALVINGS):
-        new, other = z + share * change, nuisances + share * other_change
-        try:
-            white = problem.whiten(problem.residuals(new, other))
-        except InputError:  # an error turns a place by half a turn
-            share /= 2
-            continue
-        value = _cost(white, new, has_prior)
-        # rounding of the sum must not hold up the last steps
-        if value <= cost * (1 + 1e-9) + 1e-9:
-            return new, other, white, value
-        share /= 2
-    return z, nuisances, problem.whiten(problem.residuals(z, nuisances)), cost
-
-
-def _result(
-    problem: Problem, z: Array, nuisances: Array, white: Array, steps: int, has_prior: bool, kept: Array | None
-) -> Fit:
+            break
+    else:
+        if steps >= STEPS:
+            raise InputError(
+                f"the fit has not settled after {steps} steps; check the units of the data, the target and the base of the "
+                "measurement"
+            )
     estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
     residuals = problem.residuals(z, nuisances)
-    estimated = estimator.nuisance_rank + (0 if has_prior else estimator.kept.shape[1])
     at_bounds, local = tuple[str, ...](), estimator
     if has_prior and problem.unit.is_independent:
         low, high = problem.bounds
         held = (z <= low) | (z >= high)
-        at_bounds = tuple(name for name, is_held in zip(problem.unit.names, held, strict=True) if is_held)
+        at_bounds = tuple(compress(problem.unit.names, held))
         if at_bounds:  # what stops at a bound does not follow the readings
             local = Estimator.of(estimator.by_z[:, ~held], estimator.by_nuisance, has_prior=True)
-    return Fit(
-        z,
-        nuisances,
-        estimator.estimate(white + estimator.by_z @ z) if at_bounds else z,
-        estimator,
-        _cost(white, z, has_prior),
-        len(white) - estimated,
-        residuals,
-        local,
-        leave_out(problem, estimator, local, residuals, np.arange(len(residuals))),
-        steps,
-        at_bounds,
-    )
+    without_bounds = estimator.estimate(white + estimator.by_z @ z) if at_bounds else z
+    degrees = len(white) - estimator.nuisance_rank - (0 if has_prior else estimator.kept.shape[1])
+    left_out = leave_out(problem, estimator, local, residuals, np.arange(len(residuals)))
+    return Fit(z, nuisances, without_bounds, estimator, cost, degrees, residuals, local, left_out, step, at_bounds)
 
 
 def leave_out(
@@ -364,9 +348,7 @@ def leave_out(
     pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
     throughs = [inverse.T @ one.leverage_root() for one in (estimator, *([] if local is estimator else [local]))]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
-    found = LeftOut(
-        np.zeros(shape), np.zeros(shape), np.zeros(len(residuals)), np.zeros(len(residuals), dtype=bool), 0.0
-    )
+    found = LeftOut(*np.zeros((2, *shape)), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
     shared, alone, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
     for group in np.unique(groups[rows]):
         own = np.flatnonzero(groups[rows] == group)
@@ -413,11 +395,8 @@ ODD: Final = 5.0
 """The same beyond which another unit of the joint values is tried."""
 _BETTER: Final = 5.0
 """How many times smaller distances must be for a unit to be called wrong."""
-
-
-def probability(chi_square: float, degrees: int) -> float:
-    """Return the probability that a right model gives a larger chi-square; 1 without degrees of freedom."""
-    return float(stats.chi2.sf(chi_square, degrees)) if degrees > 0 else 1.0
+_UNITS: Final = {180 / np.pi: "radians, not degrees", np.pi / 180: "degrees, not radians"}
+"""What joint values are that fit with a factor."""
 
 
 def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
@@ -432,8 +411,13 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
         _refuse_other_unit(problem.model, data)
     is_one = len(data.measurements) == 1
     zeros = refuse_reversed(problem.model.chain, data, data.measurements[0]) if is_one else None
-    if far <= FARTHEST or _settles(problem):
+    if far <= FARTHEST:
         return
+    # a few steps of the exact model may explain readings that its tangent at the means does not
+    with suppress(InputError):
+        found = fit(problem, has_prior=True, steps=_TRIED_STEPS)
+        if found.chi_square <= FARTHEST**2 * found.residuals.size:
+            return
     median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
     free = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
     message = (
@@ -448,36 +432,22 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
     raise InputError.of("E_DATA", message, data.file or None)
 
 
-def _settles(problem: Problem) -> bool:
-    """Return whether a few steps of the exact model explain readings that its tangent at the means does not."""
-    try:
-        found = fit(problem, has_prior=True, steps=_TRIED_STEPS)
-    except InputError:
-        return False
-    return found.chi_square <= FARTHEST**2 * found.residuals.size
-
-
 def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
     """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
     turning = ~model.chain.prismatic
     each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
-    found: list[tuple[float, bool, str]] = [(np.inf, False, "")]
+    found: list[tuple[float, str]] = [(np.inf, "")]
     before = nominal_distance(model.chain, data)
-    for is_other in each:
-        for factor in (180 / np.pi, np.pi / 180):
-            scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
-            try:
-                distance = nominal_distance(model.chain, replace(data, q=scaled))
-            except InputError:
-                continue
-            joints = ", ".join(name for name, is_one in zip(model.chain.joint_names, is_other, strict=True) if is_one)
-            found.append((distance, factor > 1, joints))
-    distance, is_small, joints = min(found, key=lambda one: one[0])
+    for is_other, (factor, units) in product(each, _UNITS.items()):
+        scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
+        with suppress(InputError):
+            distance = nominal_distance(model.chain, replace(data, q=scaled))
+            found.append((distance, f"{', '.join(compress(model.chain.joint_names, is_other))} are {units}"))
+    distance, what = min(found, key=lambda one: one[0])
     if distance < before / _BETTER:
-        units = ("radians", "degrees") if is_small else ("degrees", "radians")
         message = (
-            f"the readings fit {before / distance:.3g} times better if the values of {joints} are {units[0]}, not {units[1]} "
-            "(a factor of 57.3): correct their unit"
+            f"the readings fit {before / distance:.3g} times better if the values of {what} (a factor of 57.3): correct their "
+            "unit"
         )
         raise InputError.of("E_DATA", message, data.file or None)
 
@@ -485,8 +455,18 @@ def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
 def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: bool) -> Iterator[Finding]:
     """Yield what to doubt where the model does not explain the readings; ``chance`` is ``None`` where that is not tested."""
     facts = f"chi-square {fit.chi_square:.4g} for {fit.degrees_of_freedom} degrees of freedom"
-    if has_prior:
-        yield from _pulled(problem, fit)
+    if has_prior and problem.unit.is_independent:
+        # numbers farther from their means than their tolerances make likely
+        expected = np.maximum(1 - np.diag(fit.estimator.covariance), 1e-12)
+        ratio = np.where(expected > 1e-6, np.abs(fit.z) / np.sqrt(expected), 0.0)
+        limit = float(stats.norm.isf(DOUBTFUL / 2 / len(ratio)))
+        for k in np.argsort(-ratio, kind="stable")[:3]:
+            if ratio[k] > limit:
+                message = (
+                    f"{problem.unit.names[k]} is estimated {fit.z[k]:+.3g} standard deviations from its mean; "
+                    "doubt its tolerance, or an error that acts like it"
+                )
+                yield Finding("warning", "W_TOLERANCE", message)
     if chance is not None and chance < DOUBTFUL:
         joint, ratio = _suspect_joint(problem, fit)
         message = (
@@ -507,29 +487,12 @@ def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: 
         yield Finding("warning", "W_NO_REPEATABILITY", message)
 
 
-def _pulled(problem: Problem, fit: Fit) -> Iterator[Finding]:
-    """Yield a warning for numbers farther from their means than their tolerances make likely."""
-    if not problem.unit.is_independent:
-        return
-    expected = np.maximum(1 - np.diag(fit.estimator.covariance), 1e-12)
-    ratio = np.where(expected > 1e-6, np.abs(fit.z) / np.sqrt(expected), 0.0)
-    limit = float(stats.norm.isf(DOUBTFUL / 2 / len(ratio)))
-    for k in np.argsort(-ratio, kind="stable")[:3]:
-        if ratio[k] > limit:
-            message = (
-                f"{problem.unit.names[k]} is estimated {fit.z[k]:+.3g} standard deviations from its mean; "
-                "doubt its tolerance, or an error that acts like it"
-            )
-            yield Finding("warning", "W_TOLERANCE", message)
-
-
 def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     """Return the joint whose own error explains residuals best, and by how much its squares exceed those expected."""
     white = problem.whiten(problem.residuals(fit.z, fit.nuisances))
     hold = fit.estimator.hold()
     values, expected = np.zeros((2, len(problem.model.chain.joints)))
-    parts = zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True)
-    for station, places, rows, root in parts:
+    for station, places, rows, root in problem.at_stations:
         posture = station.at.posture
         by_joints = posture.chain.at_columns(posture.q[:, None]).joint_jacobian[:, :, 0]
         moved = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error @ by_joints
@@ -684,24 +647,18 @@ def estimate_std(
     repeats = [block for block in map(_differences, blocks, problem.labels) if block is not None]
     most = _largest(blocks, random)
     whole = Likelihood([block[:3] for block in blocks], random)
-    point, ends = largest_likelihood(whole, most)
-    free, source = whole.information(point), ["all readings"] * len(kinds)
-    of_all = point.copy()
+    of_all, ends = largest_likelihood(whole, most)
+    found = [(of_all, ends, whole.information(of_all), "all readings")] * len(kinds)
     if repeats:
         pure = Likelihood(repeats, 0)
-        own_point, own_ends = largest_likelihood(pure, most)
-        own_free = pure.information(own_point)
-        for kind in range(len(kinds)):
-            if own_free[kind] >= ENOUGH:
-                point[kind], ends[kind], free[kind] = own_point[kind], own_ends[kind], own_free[kind]
-                source[kind] = "repeats"
-    result = {}
-    for k, (name, mask) in enumerate(kinds.items()):
-        rows = [row for station in problem.stations for row in station.rows]
+        point, ends = largest_likelihood(pure, most)
+        free = pure.information(point)
+        found = [(point, ends, free, "repeats") if free[k] >= ENOUGH else one for k, one in enumerate(found)]
+    result, rows = {}, [row for station in problem.stations for row in station.rows]
+    for k, ((name, mask), (point, ends, free, source)) in enumerate(zip(kinds.items(), found, strict=True)):
         stated = float(np.sqrt((problem.deviations[rows][mask[rows]] ** 2).mean()))
-        low, high = (stated * float(np.exp(end)) for end in ends[k])
-        std, every = (stated * float(np.exp(value[k])) for value in (point, of_all))
-        result[name] = (std / stated, EstimatedStd(std, (low, high), float(free[k]), source[k], every))  # type: ignore[arg-type]
+        low, high, std, every = (stated * float(np.exp(value)) for value in (*ends[k], point[k], of_all[k]))
+        result[name] = (std / stated, EstimatedStd(std, (low, high), float(free[k]), source, every))  # type: ignore[arg-type]
     return result
 
 
@@ -709,16 +666,16 @@ def _blocks(
     problem: Problem, z: Array, nuisances: Array, masks: list[NDArray[np.bool_]], *, has_prior: bool
 ) -> tuple[list[tuple[Array, Array, Array]], int]:
     """Return the blocks of :class:`Likelihood`, and the number of random columns."""
-    by_z, by_nuisance = problem.slopes(z, nuisances)
-    estimator = Estimator.of(by_z, by_nuisance, has_prior=has_prior)
-    fixed = by_nuisance if has_prior else np.hstack([by_nuisance, by_z @ estimator.kept])
+    by_z, fixed = problem.slopes(z, nuisances)
+    if not has_prior:
+        fixed = np.hstack([fixed, by_z @ Estimator.of(by_z, fixed, has_prior=False).kept])
     readings = problem.whiten(problem.residuals(z, nuisances)) + by_z @ z
     lengths = np.linalg.norm(fixed, axis=0)
     basis, values, _ = np.linalg.svd(fixed / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
     basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
     random = by_z if has_prior else by_z[:, :0]
     white, blocks = np.hstack([random, basis, readings[:, None]]), []
-    for station, places, span, root in zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True):
+    for station, places, span, root in problem.at_stations:
         slopes = problem.slopes_at(station, station.at.error_at_means, problem.start)
         variances = problem.deviations[places] ** 2
         each = np.array([np.diag(variances * mask[places]) for mask in masks])
@@ -736,9 +693,8 @@ def _differences(block: tuple[Array, Array, Array], labels: NDArray[np.intp]) ->
         contrasts[:, own] = scipy.linalg.helmert(own.size)
         rows.append(contrasts)
     change = np.concatenate(rows)
-    if not len(change):
-        return None
-    return change @ fixed @ change.T, change @ each @ change.T, change @ columns[:, -1:]
+    found = change @ fixed @ change.T, change @ each @ change.T, change @ columns[:, -1:]
+    return found if len(change) else None
 
 
 def _largest(blocks: list[tuple[Array, Array, Array]], random: int) -> float:
@@ -762,7 +718,7 @@ def chance_of(chi_square: float, degrees: int, noise: Mapping[str, EstimatedStd]
     By a std of repeats, of which ``repeated`` numbers of chi-square are, the others are judged by F.
     """
     if not noise:
-        return probability(chi_square, degrees)
+        return float(stats.chi2.sf(chi_square, degrees)) if degrees > 0 else 1.0
     if any(one.decided_by != "repeats" for one in noise.values()) or degrees <= repeated:
         return None
     free = degrees - repeated

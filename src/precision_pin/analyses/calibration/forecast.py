@@ -7,9 +7,10 @@ second part, of pose- and visit-scope numbers, is the floor that no calibration 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress
 from typing import Any, ClassVar, Final, NamedTuple, final
 
 import numpy as np
@@ -66,9 +67,7 @@ class Posterior(Record):
     @classmethod
     def of(cls, unit: UnitNumbers, mean: Array, covariance: Array) -> Posterior:
         """Return the posterior of the numbers of a space."""
-        means, before, std = (
-            dict(zip(unit.names, values.tolist(), strict=True)) for values in (mean, unit.mean, unit.std)
-        )
+        means, before, std = (dict(zip(unit.names, each.tolist(), strict=True)) for each in (mean, unit.mean, unit.std))
         return cls(unit.names, means, covariance, before, std)
 
     @cached_property
@@ -151,13 +150,19 @@ class ErrorLeft(Record):
     @property
     def sizes(self) -> dict[str, dict[str, Any]]:
         """Root mean squares and 95 % quantiles with their intervals, as in the JSON."""
-        found: dict[str, dict[str, Any]] = {which: {} for which in ERRORS}
-        for which, entry in found.items():
-            for name, attitude in (("position", False), ("attitude", True)):
-                entry[f"rms_{name}"] = self.rms(which, attitude=attitude)
-                entry[f"quantile_{name}"] = self.quantile(which, attitude=attitude)
-                entry[f"quantile_{name}_interval"] = self.quantile_interval(which, attitude=attitude)
-        return found
+        values: dict[str, Callable[..., Any]] = {
+            "rms_{}": self.rms,
+            "quantile_{}": self.quantile,
+            "quantile_{}_interval": self.quantile_interval,
+        }
+        return {
+            which: {
+                key.format(name): value(which, attitude=name == "attitude")
+                for name in ("position", "attitude")
+                for key, value in values.items()
+            }
+            for which in ERRORS
+        }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -216,19 +221,12 @@ class SampledRobots(NamedTuple):
 
     def sizes(self, at: PoseModel, unit: UnitNumbers, slopes: Array, together: Array) -> dict[str, Array]:
         """Return ``sampled`` of :class:`ErrorLeft`, given the derivatives by z, and by z and the nuisances."""
-        repeated = np.ones(len(self.deviations), dtype=bool)
-        repeated[unit.columns] = False
+        repeated = np.delete(np.arange(len(self.deviations)), unit.columns)
         floor = at.jacobian[:, repeated] @ self.deviations[repeated]
-        errors = {
-            "before": at.error_at_means[:, None] + slopes @ self.z + floor,
-            "after": slopes @ self.left[: len(self.z)] + floor,
-            "seen": together @ self.left[: together.shape[1]] + floor,
-            "floor": floor,
-        }
-        return {
-            which: np.sort(np.sqrt((error.reshape(2, 3, -1) ** 2).sum(axis=1)), axis=1)
-            for which, error in errors.items()
-        }
+        before = at.error_at_means[:, None] + slopes @ self.z + floor
+        after, seen = (one @ self.left[: one.shape[1]] + floor for one in (slopes, together))
+        errors = np.array([before, after, seen, floor]).reshape(4, 2, 3, -1)
+        return dict(zip(ERRORS, np.sort(np.sqrt((errors**2).sum(axis=2)), axis=2), strict=True))
 
 
 def errors_left(
@@ -237,9 +235,7 @@ def errors_left(
     """Return the error at each named pose before and after; the first six nuisances may displace the base."""
     robots, found = SampledRobots.of(space, unit, estimator), []
     for name, at in tasks:
-        slopes = at.jacobian[:, unit.columns] @ unit.root
-        floor = repeat_covariance(at)
-        chain = at.posture.chain
+        slopes, floor, chain = at.jacobian[:, unit.columns] @ unit.root, repeat_covariance(at), at.posture.chain
         after = slopes @ estimator.covariance @ slopes.T + floor
         seen, together = after, slopes
         if displaces_base:
@@ -249,7 +245,7 @@ def errors_left(
             rows = together.shape[1]
             seen = together @ estimator.joint_covariance[:rows, :rows] @ together.T + floor
         q = dict(zip(chain.joint_names, map(float, at.posture.q), strict=True))
-        sliding = tuple(joint.name for joint in chain.joints if joint.kind == "prismatic")
+        sliding = tuple(compress(chain.joint_names, chain.prismatic))
         sampled = {} if robots is None else robots.sizes(at, unit, slopes, together)
         before, around = at.error_at_means, slopes @ slopes.T + floor
         found.append(ErrorLeft(name, q, sliding, before, around, after, seen, floor, sampled))
@@ -489,7 +485,7 @@ def forecast_calibration(
     unit = design.UnitNumbers.of(model.space)
     stations = design.stations_of(model, values, measurement)
     by_z, by_nuisance = design.stack_at_means(stations, unit, measurement)
-    estimator = design.Estimator.of(design.flat(by_z), design.flat(by_nuisance), has_prior=True)
+    estimator = Estimator.of(design.flat(by_z), design.flat(by_nuisance), has_prior=True)
     tasks = design.task_poses(model, at, values)
     entries = errors_left(tasks, unit, estimator, measurement.displaces_base, model.space)
     found = design.determined_by(stations, unit, measurement)
@@ -505,14 +501,20 @@ def forecast_calibration(
         identifiability=found,
         poses=entries,
         by_count=_by_count(by_z, by_nuisance, slopes, floor),
-        by_instrument=_by_instrument(stations, unit, measurement, slopes, floor),
+        by_instrument=tuple(
+            CurvePoint(
+                factor * measurement.std,
+                _rms(*design.stack_at_means(stations, unit, measurement, factor), slopes, floor),
+            )
+            for factor in _FACTORS
+        ),
         model=model.calibrated(Estimates(unit.names, unit.mean, left)),
         findings=(*findings, *_remarks(found, model, unit), *doubt_contact(measurement, nominal)),
     )
 
 
 def _rms(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> float:
-    covariance = design.covariance_with_prior(by_z, by_nuisance)
+    covariance = design.covariance_with_prior(design.flat(by_z), design.flat(by_nuisance))
     return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes).mean() + floor))
 
 
@@ -523,27 +525,10 @@ def _by_count(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> t
     points = []
     for number in (*(one for one in _COUNTS if one < count), count):
         chosen = [np.sort(order[:number]) for order in (orders if number < count else orders[:1])]
-        squares = [_rms(design.flat(by_z[rows]), design.flat(by_nuisance[rows]), slopes, floor) ** 2 for rows in chosen]
+        squares = [_rms(by_z[rows], by_nuisance[rows], slopes, floor) ** 2 for rows in chosen]
         points.append(CurvePoint(number, float(np.sqrt(np.mean(squares)))))
-    for factor in _BEYOND:
-        more = np.sqrt(factor)
-        points.append(
-            CurvePoint(factor * count, _rms(more * design.flat(by_z), more * design.flat(by_nuisance), slopes, floor))
-        )
-    return tuple(points)
-
-
-def _by_instrument(
-    stations: Sequence[design.Station], unit: design.UnitNumbers, measurement: Measurement, slopes: Array, floor: float
-) -> tuple[CurvePoint, ...]:
-    count = sum(len(station.rows) for station in stations)
-    points = []
-    for factor in _FACTORS:
-        deviations = np.tile(factor * measurement.deviations, (count, 1))
-        by_z, by_nuisance = design.stack_at_means(stations, unit, measurement, deviations)
-        points.append(
-            CurvePoint(factor * measurement.std, _rms(design.flat(by_z), design.flat(by_nuisance), slopes, floor))
-        )
+    more = [(factor, np.sqrt(factor)) for factor in _BEYOND]
+    points += [CurvePoint(k * count, _rms(root * by_z, root * by_nuisance, slopes, floor)) for k, root in more]
     return tuple(points)
 
 

@@ -67,9 +67,8 @@ class Design:
     @classmethod
     def of(cls, by_z: Array, by_nuisance: Array, goal: Array | None) -> Design:
         """Return the design of candidates; nuisances are scaled so that all candidates together give them unit information."""
-        size, count = by_z.shape[2], by_nuisance.shape[2]
-        scaled = by_nuisance
-        if count:
+        size, scaled = by_z.shape[2], by_nuisance
+        if by_nuisance.shape[2]:
             _, values, rows = np.linalg.svd(linear.flat(by_nuisance), full_matrices=False)
             kept = values > 1e-9 * values[0]
             scaled = by_nuisance @ (rows[kept].T / values[kept])
@@ -172,10 +171,8 @@ class Design:
         """Return a choice that no exchange of one pose for another improves."""
         chosen = self.swap(chosen)
         rest = np.setdiff1d(np.arange(len(self.rows)), chosen)
-        for _ in range(_EXCHANGES):
+        for _ in range(_EXCHANGES if rest.size else 0):
             raise_if_interrupted()
-            if not rest.size:
-                break
             change = self._changes(chosen, rest)
             out, into = np.unravel_index(int(np.argmin(change)), change.shape)
             here = self.loss(self.information(chosen))
@@ -188,16 +185,17 @@ class Design:
 
     def _changes(self, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
         """Return the change of loss of every exchange, ``(count, P - count)``, by updates of low rank."""
-        inverse: Array = scipy.linalg.inv(self.information(chosen))
-        change = _log_changes(self.rows, inverse, chosen, rest)
-        if self.goal is None:
-            nuisance = self.rows[:, :, self.size :]
-            if nuisance.shape[2]:
-                own: Array = scipy.linalg.inv(self.information(chosen)[self.size :, self.size :])
-                return _log_changes(nuisance, own, chosen, rest) - change
-            return -change
-        left = inverse[:, : self.size]
-        return _trace_changes(self.rows, inverse, left @ self.goal @ left.T, chosen, rest)
+        information = self.information(chosen)
+        inverse: Array = scipy.linalg.inv(information)
+        if self.goal is not None:
+            left = inverse[:, : self.size]
+            return _trace_changes(self.rows, inverse, left @ self.goal @ left.T, chosen, rest)
+        change = -_log_changes(self.rows, inverse, chosen, rest)
+        nuisance = self.rows[:, :, self.size :]
+        if nuisance.shape[2]:
+            own: Array = scipy.linalg.inv(information[self.size :, self.size :])
+            change += _log_changes(nuisance, own, chosen, rest)
+        return change
 
 
 def _pairs(rows: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> tuple[Array, Array, Array]:
@@ -207,10 +205,8 @@ def _pairs(rows: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[n
     through = ours @ middle
     own = np.einsum("pmi,pni->pmn", through, ours)
     their = np.einsum("pmi,pni->pmn", others @ middle, others)
-    cross = (
-        (linear.flat(through) @ linear.flat(others).T).reshape(len(ours), size, len(others), size).transpose(0, 2, 1, 3)
-    )
-    return own, their, cross
+    cross = (linear.flat(through) @ linear.flat(others).T).reshape(len(ours), size, len(others), size)
+    return own, their, cross.transpose(0, 2, 1, 3)
 
 
 def _log_changes(rows: Array, inverse: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
@@ -230,12 +226,8 @@ def _trace_changes(
     blocks = []
     for kernel in (inverse, middle):
         own, their, cross = _pairs(rows, kernel, chosen, rest)
-        block = np.empty((len(chosen), len(rest), 2 * size, 2 * size))
-        block[:, :, :size, :size] = own[:, None]
-        block[:, :, size:, size:] = their[None]
-        block[:, :, :size, size:] = cross
-        block[:, :, size:, :size] = np.swapaxes(cross, 2, 3)
-        blocks.append(block)
+        both = np.broadcast_arrays(own[:, None], cross, np.swapaxes(cross, 2, 3), their[None])
+        blocks.append(np.block([[both[0], both[1]], [both[2], both[3]]]))
     weights, effect = blocks
     signs = np.diag(np.concatenate([-np.ones(size), np.ones(size)]))
     return np.asarray(-np.einsum("abii->ab", np.linalg.solve(weights + signs, effect)))
@@ -483,10 +475,8 @@ def plan_calibration(
     _refuse_copies(values)
     unit = linear.UnitNumbers.of(model.space)
     # each candidate by itself: one reading at its own pose
-    stations = tuple(
-        linear.Station(one, (k,))
-        for k, one in enumerate(linear.measured_model(model, measurement).at_columns(np.ascontiguousarray(values)))
-    )
+    each = linear.measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
+    stations = tuple(linear.Station(one, (k,)) for k, one in enumerate(each))
     by_z, by_nuisance = linear.stack_at_means(stations, unit, measurement)
     linear.refuse_where_nothing_is_seen(
         linear.of_stack(unit.names, linear.flat(by_z), linear.flat(by_nuisance), measurement.nuisances, total)
@@ -563,12 +553,12 @@ def _perturbed(
 
 def _refuse_copies(values: Array) -> None:
     _, first, place = np.unique(values, axis=1, return_index=True, return_inverse=True)
-    copies = np.flatnonzero(first[place.ravel()] != np.arange(values.shape[1]))
+    originals = first[place.ravel()]
+    copies = np.flatnonzero(originals != np.arange(values.shape[1]))
     if copies.size:
-        again = int(copies[0])
         raise InputError(
-            f"the candidates {int(first[place.ravel()[again]]) + 1} and {again + 1} are one pose, and each is measured once; "
-            "leave copies out"
+            f"the candidates {originals[copies[0]] + 1} and {copies[0] + 1} are one pose, and each is measured once; leave "
+            "copies out"
         )
 
 

@@ -29,7 +29,6 @@ from precision_pin.base.errors import Finding, InputError, UnitError, some, visi
 from precision_pin.base.files import UnreadableFileError, note_input, read_text_file, write_files
 from precision_pin.base.progress import steps_to
 from precision_pin.base.record import Keys, Record
-from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel
@@ -177,17 +176,15 @@ def population(
         estimated = variance_components(
             evidence, blocks, has_means=means == "estimated", confidence=confidence, advance=step
         )
+    ends = zip(estimated.scale.tolist(), estimated.low.tolist(), estimated.high.tolist(), strict=True)
     tolerances = tuple(
         MeasuredTolerance(
             names,
             tuple(unit.names[row] for row in rows),
-            float(estimated.scale[k]),
-            float(estimated.low[k]),
-            float(estimated.high[k]),
-            float(estimated.scale[k] * unit.std[rows[0]]),
+            *(scale, low, high, float(scale * unit.std[rows[0]])),
             tuple(estimated.means[rows].tolist()),
         )
-        for k, (names, rows) in enumerate(shown.items())
+        for (names, rows), (scale, low, high) in zip(shown.items(), ends, strict=True)
     )
     groups = _groups([" and ".join(names) for names in shown], evidence, blocks)
     unseen = tuple(name for names in components if names not in shown for name in names)
@@ -211,15 +208,14 @@ def _components(space: Space, unit: design.UnitNumbers) -> dict[tuple[str, ...],
     for correlation in space.correlations:
         linked = {owner[name] for name in correlation.names}
         owner = {name: min(linked) if group in linked else group for name, group in owner.items()}
-    rows: dict[str, list[int]] = {}
-    names: dict[str, list[str]] = {}
-    place = {name: row for row, name in enumerate(unit.names)}
+    found: dict[str, tuple[list[str], list[int]]] = {}
     for draw in space.draws:
-        own = [place[name] for name in draw.components if name in place]
-        if draw.scope is Scope.UNIT and own:
-            rows.setdefault(owner[draw.name], []).extend(own)
-            names.setdefault(owner[draw.name], []).append(draw.name)
-    return {tuple(names[key]): rows[key] for key in rows}
+        own = [row for row, name in enumerate(unit.names) if name in draw.components]
+        if own:
+            names, rows = found.setdefault(owner[draw.name], ([], []))
+            names.append(draw.name)
+            rows.extend(own)
+    return {tuple(names): rows for names, rows in found.values()}
 
 
 def _correlation(space: Space, unit: design.UnitNumbers) -> Array:
@@ -240,7 +236,6 @@ def _evidence(
         if "data" not in found or (found.get("prior") and not found.get("at_bounds")):
             return _of_calibration(model, unit, found, file)
         robot = _readings(found, file, design.measurements_of(model, measurement))
-
     given, _, whole = measured_problem(model, robot, design.measurements_of(model, measurement))
     used, best, _ = without_gross_errors(whole, given, has_prior=True)
     by_number, by_nuisance = used.slopes(best.z, best.nuisances, plain=True)
@@ -346,9 +341,9 @@ def _remarks(
         yield Finding("warning", "W_OTHER_TOLERANCE", f"the sheet's tolerance is outside the interval of {listed}")
     if unseen:
         yield Finding("warning", "W_UNOBSERVABLE", f"no reading of any robot shows {some(unseen, 3)}")
-    for group in groups[:1]:
+    if groups:
         message = (
-            f"the readings show hardly more than a joint tolerance of {', '.join(group.names)}; "
+            f"the readings show hardly more than a joint tolerance of {', '.join(groups[0].names)}; "
             "their own intervals are wide, or begin at zero"
         )
         yield Finding("warning", "W_JOINT_TOLERANCE", message)
@@ -451,15 +446,9 @@ class _Likelihood:
             return -value, -slopes[free]
 
         # away from zero, where the derivative by a scale vanishes
-        begin = np.maximum(start[free], 1e-2)
-        found = scipy.optimize.minimize(
-            loss,
-            begin,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[(0.0, _WIDEST)] * free.size,
-            options={"maxiter": _STEPS, "ftol": tolerance, "gtol": 1e-7, "maxcor": 40},
-        )
+        begin, bounds = np.maximum(start[free], 1e-2), [(0.0, _WIDEST)] * free.size
+        options = {"maxiter": _STEPS, "ftol": tolerance, "gtol": 1e-7, "maxcor": 40}
+        found = scipy.optimize.minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         scales = start.copy()
         scales[free] = found.x
         return scales, -float(found.fun)
@@ -485,16 +474,15 @@ def variance_components(
     degrees of freedom; the restricted likelihood (Patterson and Thompson 1971) adds ``-ln det Σ_r W_r``, ``W = (I + A
     D)⁻¹ A``, over the combinations that any robot shows. Intervals are those of the profile likelihood.
     """
-    likelihood = _Likelihood(evidence, blocks, has_means)
-    scale, largest = likelihood.best(np.ones(len(blocks)))
+    likelihood, sheet = _Likelihood(evidence, blocks, has_means), np.ones(len(blocks))
+    scale, largest = likelihood.best(sheet)
     limit = largest - float(stats.chi2.ppf(confidence, 1)) / 2
-    low, high = np.zeros_like(scale), np.full_like(scale, np.inf)
+    ends = []
     for k in range(len(blocks)):
-        low[k], high[k] = _interval(likelihood, scale, k, limit)
+        ends.append(_interval(likelihood, scale, k, limit))
         advance(1)
-    return VarianceComponents(
-        scale, low, high, likelihood._parts(scale)[2], largest, likelihood.of(np.ones(len(blocks)))[0]
-    )
+    low, high = np.array(ends).T
+    return VarianceComponents(scale, low, high, likelihood._parts(scale)[2], largest, likelihood.of(sheet)[0])
 
 
 def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tuple[float, float]:
@@ -507,9 +495,8 @@ def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tu
         return likelihood.best(start, k, _SLACK)[1] - limit
 
     here = float(scale[k])
-    low = 0.0
-    if here > _ZERO and above(0.0) < 0:
-        low = float(scipy.optimize.brentq(above, 0.0, here, rtol=1e-4))
+    is_above_zero = here > _ZERO and above(0.0) < 0
+    low = float(scipy.optimize.brentq(above, 0.0, here, rtol=1e-4)) if is_above_zero else 0.0
     inside, high = here, max(1.5 * here, 0.1)
     while above(high) > 0:
         inside, high = high, 2 * high
@@ -548,10 +535,9 @@ def population_sheet(result: Population, folder: Path) -> str:
                 path = f"{path}[0]"
                 values = sheet.contents.values_at(sheet, path)
             has_limit = one.scale > 0 and one.high < float("inf")
-            found = _scaled(list(values.values()), one) if has_limit else None
-            if found is not None:
-                changes[path] = found
-            kept = "" if found is not None else "; kept as it was"
+            found = _scaled(*values.values(), factor=one.scale) if has_limit and len(values) == 1 else None
+            changes |= {} if found is None else {path: found}
+            kept = "; kept as it was" if found is None else ""
             notes.append(f"{visible(name)}: × {one.scale:.3g}, {one.low:.3g} to {one.high:.3g}{kept}")
     notes += [f"{visible(name)}: not shown by any reading; kept as it was" for name in result.unseen]
     changed = result.model.with_(changes).sheet if changes else sheet
@@ -562,23 +548,18 @@ def population_sheet(result: Population, folder: Path) -> str:
     return "".join(f"# {note}\n" for note in notes) + changed.contents.written(folder, **stated)
 
 
-def _scaled(values: list[Any], one: MeasuredTolerance) -> object:
+def _scaled(value: object, *, factor: float) -> object:
     """Return a law with its width multiplied, as in a sheet; ``None`` if it has no width."""
-    if len(values) != 1:
-        return None
-    value = values[0]
     if isinstance(value, str):
         parts = re.split(f"({TOLERANCE_PATTERN})", value, maxsplit=1)
-        width = _times(parts[2], one.scale) if len(parts) == 3 else None
+        width = _times(parts[2], factor) if len(parts) == 3 else None
         return None if width is None else f"{parts[0].strip()} ± {width}".strip()
-    if not isinstance(value, Mapping):
-        return None
-    key = next((key for key in _WIDTHS if key in value), None)
-    if key is None:
+    key = next((key for key in _WIDTHS if key in value), None) if isinstance(value, Mapping) else None
+    if key is None or not isinstance(value, Mapping):
         return None
     given = value[key]
     is_std = isinstance(given, Mapping) and set(given) == {"std"}
-    width = _times(given["std"] if is_std else given, one.scale)
+    width = _times(given["std"] if is_std else given, factor)
     return None if width is None else {**value, key: {"std": width} if is_std else width}
 
 

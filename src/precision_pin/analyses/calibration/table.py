@@ -84,7 +84,7 @@ def forecast_table(result: CalibrationForecast) -> str:
         f"calibrating {_arm(of)}: rms position error {_sizes(result)}",
         f"{result.readings:,} readings of {describe_measurement(result.measurement)}; first order",
         "",
-        *_poses(result.poses, result.measurement),
+        *_poses(result),
         "",
         *_learned(result.posterior),
         "",
@@ -95,7 +95,7 @@ def forecast_table(result: CalibrationForecast) -> str:
         "",
         *_curve("std of the instrument, µm", result.by_instrument, 1e6),
         "",
-        explanation(result.poses),
+        explanation(result),
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(lines)
@@ -110,7 +110,7 @@ def calibration_table(result: CalibrationResult) -> str:
         f"{VERDICTS[result.verdict]}; {residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
         "" if result.has_prior else f"{NO_PRIOR}\n",
-        *_poses(result.poses, result.measurement),
+        *_poses(result),
         "",
         # the mean of the sheet finds no room beside a long name; it is in the JSON and the report
         *aligned(_spaced([[row[0], *row[2:]] for row in estimate_rows(result)])),
@@ -120,7 +120,9 @@ def calibration_table(result: CalibrationResult) -> str:
         LEFT_OUT,
         *set_up_lines(result.set_ups),
         "",
-        *_closing(result),
+        *identifiability_lines(result.identifiability),
+        "",
+        explanation(result),
     ]
     return "\n".join(lines)
 
@@ -128,9 +130,8 @@ def calibration_table(result: CalibrationResult) -> str:
 def plan_table(result: CalibrationPlan) -> str:
     """Return the poses to measure, how good the choice is, and the error that it leaves."""
     of = result.provenance
-    joints = list(result.poses[0].q)
+    joints, listed = list(result.poses[0].q), list[str]()
     heads = [visible(joint) for joint in joints]
-    listed = []
     if any(len(head) > _HEAD for head in heads):
         listed = [f"joints: {', '.join(f'{k} {head}' for k, head in enumerate(heads, 1))}"]
         heads = [f"{k}" for k in range(1, len(joints) + 1)]
@@ -149,18 +150,16 @@ def plan_table(result: CalibrationPlan) -> str:
         f"chosen for {_AIMS[result.criterion]}: at least {100 * result.efficiency:.4g} % of the best possible (certified bound); "
         f"random choices: {100 * result.random_efficiency:.3g} %",
         "",
-        *_poses(result.poses, result.measurement),
+        *_poses(result),
         "",
         *([*aligned(rows), *listed] if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
         "",
-        *_closing(result),
+        *identifiability_lines(result.identifiability),
+        "",
+        explanation(result),
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
     ]
     return "\n".join(lines)
-
-
-def _closing(result: PosesOutcome) -> list[str]:
-    return [*identifiability_lines(result.identifiability), "", explanation(result.poses)]
 
 
 def describe_measurement(measurement: Measurement) -> str:
@@ -292,14 +291,14 @@ def _spaced(rows: Sequence[Sequence[str]]) -> list[list[str]]:
     return [[row[0], "", *row[1:]] for row in rows]
 
 
-def pose_rows(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[list[str]]:
+def pose_rows(result: PosesOutcome) -> list[list[str]]:
     """Return a header and a row for each of the user's poses, mm; where there are many the twelve with most left, worst first."""
-    columns = ["before", "after", *["seen"] * measurement.displaces_base]
-    listed = sorted(entries, key=lambda entry: -entry.rms("after"))[:_POSES] if len(entries) > _POSES else entries
+    columns, listed = ["before", "after", *["seen"] * result.measurement.displaces_base], list(result.poses)
+    if len(listed) > _POSES:
+        listed = sorted(listed, key=lambda entry: -entry.rms("after"))[:_POSES]
     rows = [["pose, mm", *(f"{which} {what}" for which in columns for what in ("rms", "95 %")), "floor rms"]]
     for entry in listed:
-        pairs = [(milli(entry.rms(which), 3), _quantile_text(entry, which)) for which in columns]
-        cells = [cell for pair in pairs for cell in pair]
+        cells = [text for which in columns for text in (milli(entry.rms(which), 3), _quantile_text(entry, which))]
         rows.append([shortened(entry.name, 20), *cells, milli(entry.rms("floor"), 3)])
     return rows
 
@@ -309,20 +308,20 @@ def _quantile_text(entry: ErrorLeft, which: str) -> str:
     return milli(value, 3) if ends is None else format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=3)
 
 
-def explanation(entries: Sequence[ErrorLeft]) -> str:
+def explanation(result: PosesOutcome) -> str:
     """Return what the columns of :func:`pose_rows` are, and what the quantiles rest on."""
-    is_sampled = any(entry.sampled for entry in entries)
+    is_sampled = any(entry.sampled for entry in result.poses)
     return _EXPLANATION + (f"of {ROBOTS:,} robots sampled with the sheet's laws" if is_sampled else "of normal errors")
 
 
-def poses_with_less(count: int) -> list[str]:
-    """Return a line on the poses that :func:`pose_rows` leaves out of so many; none where it has all."""
-    return [f"… and {count - _POSES:,} poses with less left"] if count > _POSES else []
+def poses_with_less(result: PosesOutcome) -> list[str]:
+    """Return a line on the poses that :func:`pose_rows` leaves out; none where it has all."""
+    more = len(result.poses) - _POSES
+    return [f"… and {more:,} poses with less left"] if more > 0 else []
 
 
-def _poses(entries: Sequence[ErrorLeft], measurement: Measurement) -> list[str]:
-    lines = aligned(_spaced(pose_rows(entries, measurement)))
-    return [*lines, *poses_with_less(len(entries)), *([SEEN] if measurement.displaces_base else [])]
+def _poses(result: PosesOutcome) -> list[str]:
+    return [*aligned(_spaced(pose_rows(result))), *poses_with_less(result), *[SEEN] * result.measurement.displaces_base]
 
 
 def _learned(posterior: Posterior) -> list[str]:
