@@ -15,8 +15,7 @@ from outputs.report_cases import Reader, results_of
 from precision_pin.analyses import registry
 from precision_pin.analyses.declaration import load
 from precision_pin.analyses.result import Result
-from precision_pin.cli.commands import list_commands
-from precision_pin.cli.program import cli
+from precision_pin.cli.program import cli, list_commands
 from precision_pin.pages.report.page import page
 from precision_pin.robot.examples import PAPER_SHEET
 

@@ -9,14 +9,14 @@ import pytest
 
 import precision_pin as pp
 from cli.conftest import Run
-from precision_pin.cli import commands
+from precision_pin.cli import program
 from precision_pin.robot.examples import PAPER_SHEET
 
 OUTPUT = '''
 import click
 
 from precision_pin.base.files import write_text
-from precision_pin.cli.targets import Outputs
+from precision_pin.cli.inputs import Outputs
 from precision_pin.model.error_model import ErrorModel
 
 
@@ -40,8 +40,8 @@ def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Add the output ``variances``: its file, and one line."""
     (tmp_path / "variances_output.py").write_text(OUTPUT)
     monkeypatch.syspath_prepend(tmp_path)
-    line = ("variances_output", commands.SHOW, "Write the variance of every random number.")
-    monkeypatch.setattr(commands, "COMMANDS", {**commands.COMMANDS, "variances": line})
+    line = ("variances_output", program.SHOW, "Write the variance of every random number.")
+    monkeypatch.setattr(program, "COMMANDS", {**program.COMMANDS, "variances": line})
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ import precision_pin as pp
 from precision_pin.analyses.declaration import Declaration, Option
 from precision_pin.analyses.registry import declarations
 from precision_pin.cli.analyses import analysis_of
-from precision_pin.cli.commands import load_command
+from precision_pin.cli.program import load_command
 from precision_pin.robot.pose_set import PoseSet
 
 SHEET = "small.yaml"

@@ -11,8 +11,8 @@ import click
 import pytest
 
 from cli.conftest import GANTRY
-from precision_pin.base.versions import _version
-from precision_pin.cli.commands import list_commands, load_command
+from precision_pin.base.arrays import _version
+from precision_pin.cli.program import list_commands, load_command
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 

@@ -23,7 +23,7 @@ from precision_pin.base import interrupts
 from precision_pin.base.errors import OutputError
 from precision_pin.base.files import whole_folder, write_text
 from precision_pin.cli import streams
-from precision_pin.cli.resources import shortage
+from precision_pin.cli.streams import shortage
 
 HEAVY = {
     "numpy",

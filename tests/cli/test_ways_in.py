@@ -12,8 +12,8 @@ import pytest
 
 from precision_pin.analyses.registry import declarations
 from precision_pin.cli import export
-from precision_pin.cli.commands import list_commands
-from precision_pin.cli.targets import check_folder_name, check_page_name
+from precision_pin.cli.inputs import check_folder_name, check_page_name
+from precision_pin.cli.program import list_commands
 from precision_pin.robot.examples import example_urdfs
 
 FEW = ("--samples", "200")

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from precision_pin.base.errors import PrecisionPinWarning
-from precision_pin.cli.commands import list_commands
+from precision_pin.cli.program import list_commands
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sheet import read as read_sheet
 from support.plain_robot import joint, link, robot

@@ -12,8 +12,7 @@ import pytest
 
 from journeys.arms import ARMS, READERS, codes
 from journeys.conftest import Desk
-from precision_pin.cli.commands import list_commands
-from precision_pin.cli.program import cli
+from precision_pin.cli.program import cli, list_commands
 from precision_pin.render.text_table import width
 
 OUTPUT = "Output and messages"

@@ -10,8 +10,8 @@ from precision_pin.analyses.declaration import Declaration, load
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.analyses.registry import declarations
 from precision_pin.base.arguments import check_whole
+from precision_pin.base.arrays import Keys, Record
 from precision_pin.base.errors import Finding, UnknownNameError
-from precision_pin.base.record import Keys, Record
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import MOST_POSES, UNITS, data_frame, dataset, joint_text, pose_labels

@@ -16,11 +16,10 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
-from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.inputs import Outputs, read_sheet, write_folder
 from precision_pin.cli.measurement import measurement_options, measurements_of
 from precision_pin.cli.options import check_workers, compile_sampler, progress_bar, worker_options, working
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_poses, reference_pose
-from precision_pin.cli.targets import Outputs, write_folder
 from precision_pin.cli.terminal import ALL, echo_note, echo_result, echo_warning_lines, echo_warnings
 
 if TYPE_CHECKING:

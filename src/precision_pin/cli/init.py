@@ -10,9 +10,9 @@ import click
 
 from precision_pin.base.errors import Finding, InputError, OutputError, shown, some
 from precision_pin.base.files import noted_inputs, write_files, write_text
+from precision_pin.cli.inputs import Outputs
 from precision_pin.cli.options import Command, output_option, quiet_option, robot_options
 from precision_pin.cli.streams import echo_data
-from precision_pin.cli.targets import Outputs
 from precision_pin.cli.terminal import echo_note, echo_warnings
 
 

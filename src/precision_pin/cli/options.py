@@ -14,8 +14,7 @@ import click
 from precision_pin.analyses.declaration import OUTPUT, POSES, ROBOT, SAMPLING
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
-from precision_pin.cli.resources import require_resources
-from precision_pin.cli.streams import say
+from precision_pin.cli.streams import require_resources, say
 from precision_pin.cli.terminal import echo_note, is_given, remember
 
 if TYPE_CHECKING:

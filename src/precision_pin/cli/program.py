@@ -1,18 +1,19 @@
-"""Runs the command line, and turns every way in which it can end into an exit code."""
+"""The commands, each imported only when it runs, and the program that turns every way to end into an exit code."""
 
 from __future__ import annotations
 
 import signal
 import traceback
+from importlib import import_module
 
 import click
 
+from precision_pin.analyses.declaration import DECIDE, MEASURE, UNDERSTAND
+from precision_pin.analyses.registry import declarations
 from precision_pin.base import interrupts
 from precision_pin.base.errors import InputError, InternalError, nearest, one_line, shown
 from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
-from precision_pin.cli.commands import list_commands, list_groups, load_command
-from precision_pin.cli.resources import shortage
-from precision_pin.cli.streams import messages, prepare_streams, raise_if_output_lost
+from precision_pin.cli.streams import messages, prepare_streams, raise_if_output_lost, shortage
 
 
 class LateGroup(click.Group):
@@ -120,3 +121,67 @@ def _usage_line(error: click.ClickException) -> str:
 def _say(message: str, code: int) -> int:
     click.echo(messages(message), err=True)
     return code
+
+
+SHOW, HELP = "Show", "Sheets and help"
+
+COMMANDS: dict[str, tuple[str, str, str]] = {
+    "analyze": (
+        "precision_pin.cli.analyze",
+        UNDERSTAND,
+        "Sample the pose error of an arm at a pose: statistics, specifications, plots.",
+    ),
+    "check": ("precision_pin.cli.check", HELP, "Check a URDF, or a sheet and its URDF; list every finding."),
+    "init": ("precision_pin.cli.init", HELP, "Write a commented sheet for a URDF, with starting tolerances."),
+    "mcpc": ("precision_pin.cli.check:mcpc", HELP, "Print the MCPC parameters of a chain."),
+    "view": (
+        "precision_pin.cli.view",
+        SHOW,
+        "Write a page with the arm and the cloud of sampled end-effector positions in 3-D.",
+    ),
+    "report": (
+        "precision_pin.cli.report",
+        SHOW,
+        "Write everything about a pose into one page: verdict, distributions, causes, bounds, 3-D view.",
+    ),
+    "export": ("precision_pin.cli.export", SHOW, "Write robots as they may be built, each sampled, as URDF files."),
+    "simulate": (
+        "precision_pin.cli.export:simulate",
+        MEASURE,
+        "Write readings of a sampled robot, as calibrate and iso9283 --measured read them.",
+    ),
+    "explain": (
+        "precision_pin.cli.check:explain",
+        HELP,
+        "Say what a code of an error or a warning means, and what to do.",
+    ),
+    "schema": ("precision_pin.cli.check:schema", HELP, "Print the JSON schema of the sheet."),
+    "doctor": ("precision_pin.cli.check:doctor", HELP, "Print versions and paths."),
+}
+"""Module (or a name in it) of the command, heading in the list, and the line below it; without the analyses."""
+
+
+def list_commands() -> dict[str, str]:
+    """Return the line of every command by name, main command first, then the analyses."""
+    return {name: line for lines in list_groups().values() for name, line in lines.items()}
+
+
+def list_groups() -> dict[str, dict[str, str]]:
+    """Return the lines of :func:`list_commands` by the heading under which the program lists them."""
+    groups: dict[str, dict[str, str]] = {heading: {} for heading in (UNDERSTAND, DECIDE, MEASURE, SHOW, HELP)}
+    main, *others = [(heading, {name: line}) for name, (_, heading, line) in COMMANDS.items()]
+    of_analyses = [(one.group, {name: one.summary}) for name, one in declarations().items()]
+    for heading, line in (main, *of_analyses, *others):
+        groups.setdefault(heading, {}).update(line)
+    return groups
+
+
+def load_command(name: str) -> click.Command:
+    """Return a command of :func:`list_commands`."""
+    declaration = declarations().get(name)
+    if declaration is not None:
+        from precision_pin.cli.analyses import make_command
+
+        return make_command(declaration)
+    module, _, attribute = COMMANDS[name][0].partition(":")
+    return getattr(import_module(module), attribute or "command")

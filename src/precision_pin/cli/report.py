@@ -13,11 +13,10 @@ from precision_pin.base.errors import InputError
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import analysis_of
-from precision_pin.cli.inputs import read_sheet
+from precision_pin.cli.inputs import PageOutput, read_sheet
 from precision_pin.cli.measurement import calibration_of
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_path, read_poses
-from precision_pin.cli.targets import PageOutput
 from precision_pin.cli.terminal import echo_note, echo_warning_lines
 
 if TYPE_CHECKING:

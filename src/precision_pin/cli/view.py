@@ -15,11 +15,10 @@ from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import analysis_of
-from precision_pin.cli.inputs import echo_findings, read_sheet
+from precision_pin.cli.inputs import PageOutput, echo_findings, read_sheet
 from precision_pin.cli.measurement import calibration_of
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_path, read_poses
-from precision_pin.cli.targets import PageOutput
 from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:

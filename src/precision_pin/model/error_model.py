@@ -27,7 +27,7 @@ from precision_pin.robot.approach import Approach, ApproachedPose, read_approach
 from precision_pin.robot.chain import Chain, Posture, pose_findings
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
-from precision_pin.sheet.provenance import MEASURED
+from precision_pin.sheet.reader import MEASURED
 from precision_pin.sources.frame import Frame
 from precision_pin.terms import bound_source
 from precision_pin.terms.source import Source, fix_settings

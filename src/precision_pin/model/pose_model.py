@@ -28,7 +28,7 @@ from precision_pin.render.html import Table, rendered
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Joint
-from precision_pin.sheet.provenance import Origin
+from precision_pin.sheet.reader import Origin
 from precision_pin.terms.table import SlopeColumns, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
 

@@ -19,8 +19,7 @@ from precision_pin.robot.configurations import SLACK, joint_quantity
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.robot.urdf import Limit, Robot
 from precision_pin.robot.urdf import read as read_urdf
-from precision_pin.sheet.findings import POSE_VALUES, Findings
-from precision_pin.sheet.schema import Document
+from precision_pin.sheet.schema import POSE_VALUES, Document, Findings
 from precision_pin.sheet.settings import SettingError, placed
 
 PlainPose = str | list[str] | Mapping[str, str]

@@ -38,10 +38,9 @@ from precision_pin.base.arguments import (
     check_quantity,
     shown,
 )
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, encode
 from precision_pin.base.csv_columns import ColumnNames
 from precision_pin.base.errors import InputError
-from precision_pin.base.record import encode
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
 from precision_pin.sheet.settings import SettingError

@@ -1,11 +1,11 @@
-"""Reader of a sheet: text, structure, robot and sources in turn; all findings are reported at once."""
+"""Reader of a sheet: text, structure, robot and sources in turn; all findings are reported at once. Differences of two sheets."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import Any, Final, Literal, final
@@ -24,11 +24,9 @@ from precision_pin.draws.space import Estimates, Extension, LabelledSpace, Space
 from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain
-from precision_pin.sheet.changes import Change, change_text, plain_data, values_at
-from precision_pin.sheet.findings import Findings
+from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
-from precision_pin.sheet.provenance import Origin, origins_by_path, source_origins
-from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, source_model, used_quantities
+from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, Findings, source_model, used_quantities
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter, placed
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text, written_yaml
@@ -496,3 +494,145 @@ def _complete_estimates(data: dict[str, Any]) -> Estimates | None:
         if is_whole and np.isfinite(covariance).all() and np.isfinite(mean).all()
         else None
     )
+
+
+MEASURED: Final = "measured"
+ORIGINS: Final = ("assumed", "data sheet", MEASURED, "drawing")
+"""Possible origins of a number."""
+_EXAMPLE: Final = "such as 'provenance: drawing' or 'provenance: {data sheet: \"page 12\"}'"
+
+
+@final
+@dataclass(frozen=True)
+class Origin:
+    """Where a number comes from.
+
+    Attributes:
+        kind: One of `ORIGINS`.
+        text: Details, such as the page of a data sheet.
+    """
+
+    kind: str
+    text: str = ""
+
+
+def read_origin(value: Any) -> Origin:
+    """Return the origin stated in a sheet: a word, or a word with a text."""
+    word, text = value, ""
+    if isinstance(value, dict):
+        if len(value) != 1:
+            raise InputError(f"one word of {', '.join(ORIGINS)} is expected, {_EXAMPLE}; this has {len(value)} keys")
+        word, text = next(iter(value.items()))
+    if not isinstance(word, str) or not isinstance(text, str):
+        raise InputError(f"a word is expected, {_EXAMPLE}")
+    if word not in ORIGINS:
+        raise UnknownNameError("provenance", word, ORIGINS)
+    return Origin(word, text)
+
+
+def source_origins(
+    settings: Mapping[str, Any], fields: Sequence[str], path: Path, findings: Findings
+) -> dict[str, Origin]:
+    """Return the origins that a source states, by setting; under an empty name for all its numbers."""
+    found: dict[str, Origin] = {}
+    if ASSUMED in settings and ASSUMED not in fields:
+        mark = settings[ASSUMED]
+        if mark not in ("true", "false"):
+            findings.error((*path, ASSUMED), f"{ASSUMED} must be true or false, got {str(mark)[:40]!r}")
+        elif mark == "true":
+            found[""] = Origin(ASSUMED)
+    if PROVENANCE in settings and PROVENANCE not in fields:
+        value = settings[PROVENANCE]
+        if found:
+            message = f"{ASSUMED} and {PROVENANCE} both say where the numbers come from; leave one out"
+            findings.error((*path, PROVENANCE), message)
+        by_setting = isinstance(value, dict) and not set(value) & set(ORIGINS) and bool(set(value) & set(fields))
+        for name, entry in value.items() if by_setting else [("", value)]:
+            with findings.taking(*path, PROVENANCE, *([name] if name else [])):
+                if name and name not in fields:
+                    raise UnknownNameError("setting", name, fields)
+                found[name] = read_origin(entry)
+    return found
+
+
+def origins_by_path(
+    stated: Mapping[str, Any], names: Sequence[str], labels: Sequence[str], findings: Findings
+) -> dict[str, Origin]:
+    """Return the origins under the sheet's key ``provenance``, by paths as in ``--set``; ``*`` stands for anything."""
+    found: dict[str, Origin] = {}
+    known = [*(f"parameters.{name}" for name in names), *labels]
+    for pattern, value in stated.items():
+        with findings.taking(PROVENANCE, pattern):
+            origin = read_origin(value)
+            matched = [name for name in known if matches(pattern, name)]
+            setting = ""
+            if not matched:
+                label, _, setting = pattern.rpartition(".")
+                matched = [name for name in labels if label and matches(label, name)]
+            if not matched:
+                raise UnknownNameError("parameter or source", pattern, known)
+            found |= {f"{name}.{setting}" if setting else name: origin for name in matched}
+    return found
+
+
+_LEFT_OUT = ("precision-pin", "allocate", "measurement")
+"""Keys that do not change the error."""
+
+
+@final
+@dataclass(frozen=True)
+class SheetDifference:
+    """A value that differs between two sheets.
+
+    Attributes:
+        path: As in ``--set``: ``parameters.a1``, ``axis_install[joint2].radius``; a whole source by its label.
+        before, after: As written; ``None`` if a sheet does not have it.
+    """
+
+    path: str
+    before: str | None
+    after: str | None
+
+
+def sheet_differences(first: Sheet, other: Sheet) -> tuple[SheetDifference, ...]:
+    """Return the differences from one sheet to another, in the order of the first, then what is new.
+
+    Values are compared as written: ``0.1 mm`` and ``100 um`` differ. A source in only one sheet is one difference.
+    Sheets not read from a file or a dictionary have none.
+    """
+    if first.contents is None or other.contents is None:
+        return ()
+    before, after = dict(_values(first)), dict(_values(other))
+    paths = dict.fromkeys([*before, *after])
+    return tuple(
+        SheetDifference(path, before.get(path), after.get(path))
+        for path in paths
+        if before.get(path) != after.get(path)
+    )
+
+
+def _values(sheet: Sheet) -> Iterator[tuple[str, str]]:
+    assert sheet.contents is not None
+    data: dict[str, Any] = sheet.contents.text.data
+    for key, value in data.items():
+        if key == "sources":
+            for label, entry in zip(labels(sheet.sources), value, strict=True):
+                yield label, "present"
+                yield from _flat(label, next(iter(entry.values())))
+        elif key not in _LEFT_OUT:
+            yield from _flat(key, value)
+
+
+def _flat(path: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Yield every text below a value by its path; a list is one text."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _flat(f"{path}.{key}", entry)
+    else:
+        yield path, _text(value)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_text(entry)}" for key, entry in value.items()) + "}"
+    return "[" + ", ".join(map(_text, value)) + "]" if isinstance(value, list) else str(value)

@@ -17,8 +17,7 @@ from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.chain_entry import split_pose
-from precision_pin.sheet.findings import Findings
-from precision_pin.sheet.schema import Document
+from precision_pin.sheet.schema import Document, Findings
 from precision_pin.sheet.text import Path, Text
 from precision_pin.terms.source import Source
 

@@ -23,9 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from precision_pin.base.arguments import check_number, check_quantities, check_quantity, check_whole
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import UnknownNameError
-from precision_pin.base.record import Keys, Record
 from precision_pin.statistics.intervals import (
     Moments,
     quantile_ranks,

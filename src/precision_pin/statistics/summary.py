@@ -12,9 +12,8 @@ from typing import ClassVar, Final, Literal, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arrays import Array, returns_read_only
+from precision_pin.base.arrays import Array, Keys, Record, returns_read_only
 from precision_pin.base.errors import InternalError, visible
-from precision_pin.base.record import Keys, Record
 from precision_pin.statistics.accumulate import State, sketch_edges
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson

@@ -37,10 +37,9 @@ from precision_pin.analyses.budget.shares import by_draw, reaches
 from precision_pin.analyses.provenance import Provenance, check_common
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_number, check_whole
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys, Record
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.render.html import preformatted

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
+from precision_pin.base.arrays import Keys
 from precision_pin.base.errors import UnknownNameError
-from precision_pin.base.record import Keys
 from precision_pin.render.html import Table
 from precision_pin.render.tables import data_frame, interval_columns, number, plus_minus
 from precision_pin.statistics import QUANTITIES

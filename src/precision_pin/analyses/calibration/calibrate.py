@@ -29,10 +29,9 @@ from precision_pin.analyses.calibration.forecast import (
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, SheetError
 from precision_pin.base.files import UnreadableFileError, read_text_file, write_files
-from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Estimates, Space, held_at_mean
 from precision_pin.export.as_built import AsBuilt

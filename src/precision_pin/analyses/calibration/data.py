@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 
 from precision_pin.base import csv_columns, se3, units
 from precision_pin.base.arguments import check_numbers, check_path
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Record
 from precision_pin.base.errors import Finding, InputError, nearest
 from precision_pin.base.files import csv_text
-from precision_pin.base.record import Record
 from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings

@@ -34,9 +34,8 @@ from threadpoolctl import threadpool_limits
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, some
-from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel

@@ -39,7 +39,7 @@ from precision_pin.analyses.calibration.design import (
     stations_of_data,
 )
 from precision_pin.base import se3
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Record
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope

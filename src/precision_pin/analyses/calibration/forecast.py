@@ -25,10 +25,9 @@ from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_items, check_name, check_whole
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
-from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Estimates
 from precision_pin.draws.laws import Law

@@ -31,11 +31,10 @@ from precision_pin.analyses.calibration import design as linear
 from precision_pin.analyses.calibration.forecast import PosesOutcome, doubt_contact, errors_left, seen_poses
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base.arguments import check_choice, check_items, check_whole
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.pose_set import PoseSet

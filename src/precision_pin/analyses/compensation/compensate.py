@@ -20,7 +20,6 @@ from precision_pin.base.arguments import check_choice, check_instance, check_ite
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import tangents
 from precision_pin.model.verdict_grounds import strained_findings

@@ -19,10 +19,9 @@ from precision_pin.analyses.monte_carlo import answer_of, subject
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arguments import check_memory, check_whole
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record, encode
 from precision_pin.base.errors import Finding, InputError, add, one_line, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys, Record, encode
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space

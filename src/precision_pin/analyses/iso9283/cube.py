@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from precision_pin.base import se3
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import InputError
 from precision_pin.base.jit import cached_entry, call, inline
 from precision_pin.base.record import Keys, Record

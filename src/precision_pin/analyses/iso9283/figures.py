@@ -36,9 +36,8 @@ from scipy.special import elliprg
 
 from precision_pin.base import csv_columns, errors, se3, units
 from precision_pin.base.arguments import check_name, check_numbers, shown
-from precision_pin.base.arrays import Array, field_names
+from precision_pin.base.arrays import Array, Record, field_names
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
-from precision_pin.base.record import Record
 
 
 def barycentre(values: Array) -> Array:

@@ -25,9 +25,8 @@ from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_mapping, check_number, check_numbers
-from precision_pin.base.arrays import Array, returns_read_only
+from precision_pin.base.arrays import Array, Keys, Record, returns_read_only
 from precision_pin.base.errors import InputError, UnknownNameError, warns_at_end
-from precision_pin.base.record import Keys, Record
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, number
 from precision_pin.statistics import SpecificationResult

@@ -25,11 +25,10 @@ from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged,
 from precision_pin.analyses.provenance import Pose, Provenance, check_common
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_memory, check_path, check_whole
-from precision_pin.base.arrays import Array, Fixed
+from precision_pin.base.arrays import Array, Fixed, Keys
 from precision_pin.base.errors import Finding, InputError, add, unheard, warns_at_end
 from precision_pin.base.files import write_files
 from precision_pin.base.progress import scaled, steps_to
-from precision_pin.base.record import Keys
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.base.arrays import Array, Fixed
+from precision_pin.base.arrays import Array, Fixed, Keys, Record
 from precision_pin.base.progress import scaled
-from precision_pin.base.record import Keys, Record
 from precision_pin.sampling import Progress
 from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification, SpecificationResult, Verdict

@@ -47,10 +47,9 @@ from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance
 from precision_pin.analyses.replicates import REPLICATES, Marginals, jackknife, law_breaks
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arguments import check_name, shown
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys, Record
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.equilibrium import fixed_sides, turnover_findings

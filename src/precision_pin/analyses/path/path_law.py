@@ -21,10 +21,9 @@ from precision_pin.analyses.provenance import Provenance, check_common
 from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_memory, check_number, check_whole
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys, Record
 from precision_pin.draws.draw import MOST_POSES, Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays

@@ -11,8 +11,7 @@ import numpy as np
 from scipy import special
 
 from precision_pin.analyses.reliability.form import Form
-from precision_pin.base.arrays import Array
-from precision_pin.base.record import Keys, Record
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.statistics import clopper_pearson
 from precision_pin.statistics.intervals import round_end, studentised
 

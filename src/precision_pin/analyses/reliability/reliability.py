@@ -17,9 +17,8 @@ from precision_pin.analyses.reliability.estimates import Estimate, in_words, pla
 from precision_pin.analyses.reliability.form import DesignPoint, Stratum
 from precision_pin.analyses.reliability.importance import RareEvents, rare_events
 from precision_pin.analyses.result import Result, list_warnings, name_pose
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end
-from precision_pin.base.record import Keys, Record
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
