@@ -245,9 +245,6 @@ def check_path(what: str, value: object) -> str:
     return path
 
 
-_BEGINS: Final = re.compile(r"\s*[+-]?\.?[0-9]")
-
-
 def check_quantity(
     what: str,
     value: object,
@@ -279,7 +276,7 @@ def _in_si(what: str, value: object, quantity: Quantity) -> object:
     # text that does not begin with a number stays, so that the check of the numbers reports it
     if isinstance(value, list | tuple) and any(isinstance(entry, str | list | tuple) for entry in value):
         return [_in_si(what, entry, quantity) for entry in value]
-    if not isinstance(value, str) or not _BEGINS.match(value):
+    if not isinstance(value, str) or not re.match(r"\s*[+-]?\.?[0-9]", value):
         return value
     try:
         numbers = parse_vector(value, quantity)

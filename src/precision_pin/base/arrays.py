@@ -9,7 +9,7 @@ from functools import cache, wraps
 from importlib import metadata
 from operator import attrgetter
 from platform import python_version
-from typing import Any, ClassVar, Concatenate, Final, ParamSpec, TypeVar, cast
+from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,11 +57,8 @@ def fix_fields(instance: Any) -> None:
     """Make the arrays in the fields of a frozen data class read-only, without a copy."""
     for name in field_names(instance.__class__):
         value = getattr(instance, name)
-        if isinstance(value, _MAY_BE_WRITTEN):
+        if isinstance(value, np.ndarray | tuple):
             object.__setattr__(instance, name, read_only(value))
-
-
-_MAY_BE_WRITTEN: Final = (np.ndarray, tuple)
 
 
 class Fixed:

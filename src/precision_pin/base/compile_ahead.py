@@ -129,7 +129,8 @@ class _Begun:
     """Jobs started before they are needed, and their workers."""
 
     def __init__(self, jobs: Sequence[Job]) -> None:
-        self.jobs, self.crew = tuple(jobs), _Crew(min(MOST_WORKERS, _cores()))
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self.jobs, self.crew = tuple(jobs), _Crew(min(MOST_WORKERS, cores))
         self.crew.waiting += self.jobs
         self._thread = threading.Thread(target=self._do, daemon=True)
         self._error: OSError | None = None
@@ -149,12 +150,6 @@ class _Begun:
             self.crew.work()
         except OSError as error:
             self._error = error
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class _Crew:

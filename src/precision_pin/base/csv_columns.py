@@ -37,8 +37,6 @@ _COLUMN: Final = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 NUMBER: Final = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
 _NOT_PLAIN: Final = re.compile(r"[^0-9eE+\-., \t]")
 _LONGEST: Final = 40
-_MISSING: Final = ("", "nan", "na", "n/a", "null")
-"""Cells without a number, in any letter case, where the reader allows them."""
 IGNORE: Final = "ignore"
 
 
@@ -165,7 +163,10 @@ def read(
         may_miss: Whether a cell may be empty, nan or NA; it becomes NaN.
     """
     file = os.fspath(path)
-    numbered = enumerate(_text(file).splitlines(), start=1)
+    try:
+        numbered = enumerate(read_text_file(file, LARGEST_FILE).splitlines(), start=1)
+    except UnreadableFileError as error:
+        raise InputError(f"{file} {error.reason}") from None
     lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
         message = f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
@@ -225,18 +226,11 @@ def _row(line: str, columns: int, wordy: Sequence[int], where: str, may_miss: bo
     if len(cells) != columns:
         raise InputError(f"{where}: {len(cells)} cells, but the header has {columns}")
     found = [
-        math.nan if may_miss and cell.casefold() in _MISSING else _number(cell, where)
+        math.nan if may_miss and cell.casefold() in ("", "nan", "na", "n/a", "null") else _number(cell, where)
         for column, cell in enumerate(cells)
         if column not in wordy
     ]
     return found, [cells[column] for column in wordy]
-
-
-def _text(file: str) -> str:
-    try:
-        return read_text_file(file, LARGEST_FILE)
-    except UnreadableFileError as error:
-        raise InputError(f"{file} {error.reason}") from None
 
 
 def _header(cells: list[str], where: str) -> dict[str, str]:

@@ -76,9 +76,6 @@ MOST_COMPARED: Final = 500
 LONGEST_COMPARED: Final = 100
 """Most names, and most letters of a name, that are compared to suggest one."""
 
-_LONGEST_FILE: Final = 260
-_SEVERITY: Final = re.compile(r": (error|warning|note) [A-Z]_\w+: ")
-
 
 @dataclass(frozen=True)
 class Finding:
@@ -102,7 +99,7 @@ class Finding:
 
     def __str__(self) -> str:
         """Return the finding as one line, with names shortened and escaped."""
-        where = "precision-pin" if not self.file else visible(self.file, _LONGEST_FILE)
+        where = "precision-pin" if not self.file else visible(self.file, _LONGEST_WORD)
         if self.line is not None:
             where += f":{self.line}"
         return f"{where}: {self.severity} {self.code}: {one_line(self.message)}"
@@ -124,7 +121,7 @@ class Finding:
 
 def is_note(line: str) -> bool:
     """Return whether a line is a note, which commands do not repeat and calls do not warn of."""
-    found = _SEVERITY.search(line)
+    found = re.search(r": (error|warning|note) [A-Z]_\w+: ", line)
     return found is not None and found[1] == "note"
 
 

@@ -179,11 +179,9 @@ def _leave() -> None:
     while _state.leaving:  # another thread is ending the process
         signal.pause()
     _state.leaving = True
-    for number in _state.taken:
-        try:
+    with suppress(ValueError):  # not the main thread; its handler waits for this one
+        for number in _state.taken:
             signal.signal(number, signal.SIG_IGN)
-        except ValueError:  # not the main thread; its handler waits for this one
-            break
     _end_processes()
     for undo in list(_state.undo.values()):
         with suppress(OSError):

@@ -69,14 +69,19 @@ def _of_one(v: Array, is_jacobian: bool) -> Array:
     return np.array(rows).reshape(3, 3, *v.shape[1:])
 
 
-def exp_rotation(vector: ArrayLike) -> Array:
-    """Return ``Exp(δ)`` (Rodrigues): rotation vector ``(3[, N])`` in rad → ``(3, 3[, N])``."""
+def _rotation_or_jacobian(vector: ArrayLike, *, is_jacobian: bool) -> Array:
     v = np.asarray(vector, dtype=float)
     if v.size == 3:
-        return _of_one(v, is_jacobian=False)
-    sinc, versine, _ = _trigonometric_series(np.sqrt((v * v).sum(axis=0)))
+        return _of_one(v, is_jacobian)
+    series = _trigonometric_series(np.sqrt((v * v).sum(axis=0)))
+    first, second = series[1:] if is_jacobian else series[:2]
     cross = skew(v)
-    return _eye_like(cross) + sinc * cross + versine * _product(cross, cross)
+    return np.eye(3)[:, :, None] + first * cross + second * np.einsum("ij...,jk...->ik...", cross, cross)
+
+
+def exp_rotation(vector: ArrayLike) -> Array:
+    """Return ``Exp(δ)`` (Rodrigues): rotation vector ``(3[, N])`` in rad → ``(3, 3[, N])``."""
+    return _rotation_or_jacobian(vector, is_jacobian=False)
 
 
 def log_rotation(rotation: ArrayLike) -> Array:
@@ -108,12 +113,7 @@ def log_rotation(rotation: ArrayLike) -> Array:
 
 def left_jacobian(vector: ArrayLike) -> Array:
     """Return J_l(δ), with d/dt Exp(δ) = [J_l(δ) δ̇]× Exp(δ): ``(3[, N])`` → ``(3, 3[, N])``."""
-    v = np.asarray(vector, dtype=float)
-    if v.size == 3:
-        return _of_one(v, is_jacobian=True)
-    _, versine, third = _trigonometric_series(np.sqrt((v * v).sum(axis=0)))
-    cross = skew(v)
-    return _eye_like(cross) + versine * cross + third * _product(cross, cross)
+    return _rotation_or_jacobian(vector, is_jacobian=True)
 
 
 def left_jacobian_inverse(vector: ArrayLike) -> Array:
@@ -213,12 +213,3 @@ def adjoint(transform: ArrayLike) -> Array:
     result[:3, :3] = result[3:, 3:] = rotation
     result[:3, 3:] = skew(t[:3, 3]) @ rotation
     return result
-
-
-def _eye_like(matrix: Array) -> Array:
-    eye = np.eye(3)
-    return eye if matrix.ndim == 2 else eye[:, :, None]
-
-
-def _product(left: Array, right: Array) -> Array:
-    return np.einsum("ij...,jk...->ik...", left, right)

@@ -115,7 +115,6 @@ MOST_NAMED: Final = 3
 """Most quantities whose units a message lists in full."""
 
 _PER_CENT: Final = 100
-_MOST_BITS: Final = 64
 _NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT: Final = re.compile(rf"\s*({_NUMBER}(?:[\s,]+{_NUMBER})*)\s*(\D.*)?", re.ASCII | re.DOTALL)
 _SPELLINGS: Final = {"·": "*", "⋅": "*", "**": "^", "²": "^2", "³": "^3", "⁴": "^4", "μ": "µ", "Nm": "N*m"}
@@ -197,14 +196,13 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
     if not unit:
         article = "an" if named[0] in "aeiou" else "a"
         raise UnitError(f"{str(text)!r} has no unit; {article} {named} needs one of: {allowed}")
-    bits = f"; {_turn_of_bits(numbers[0])}" if unit in ("bit", "bits") and ANGLE in quantities else ""
+    bits = ""
+    if unit in ("bit", "bits") and ANGLE in quantities:
+        bits = "; an encoder of n bit resolves 360 deg / 2^n"
+        if numbers[0].is_integer() and 1 <= numbers[0] <= 64:
+            n = f"{numbers[0]:.0f}"
+            bits = f"; an encoder of {n} bit resolves 360 deg / 2^{n}, so write '{360 / 2 ** numbers[0]:.6g} deg'"
     raise UnitError(f"{unit!r} in {str(text)!r} is not a unit of {named}{bits}; allowed: {allowed}")
-
-
-def _turn_of_bits(bits: float) -> str:
-    if not (bits.is_integer() and 1 <= bits <= _MOST_BITS):
-        return "an encoder of n bit resolves 360 deg / 2^n"
-    return f"an encoder of {bits:.0f} bit resolves 360 deg / 2^{bits:.0f}, so write '{360 / 2**bits:.6g} deg'"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -149,13 +149,11 @@ def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, 
     flags = {option.name: option.opts[0] for option in click.get_current_context().command.params}
     outputs = Outputs({flags[name]: options[name] for name in declaration.writes}, options["out"], names)
     outputs.check()
-    further = [text for name in declaration.reads for text in _texts(options[name])]
+    further: list[str] = []
+    for value in filter(None, map(options.get, declaration.reads)):
+        further += (value,) if isinstance(value, str) else value
     outputs.refuse_inputs([*further, *(pose_files(options) if "poses" in declaration.options else ())])
     return outputs, sheets
-
-
-def _texts(value: str | Iterable[str] | None) -> Iterable[str]:
-    return () if value is None else (value,) if isinstance(value, str) else value
 
 
 def _at_poses(declaration: Declaration, asked: Asked) -> Job:

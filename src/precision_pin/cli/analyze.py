@@ -23,11 +23,7 @@ if TYPE_CHECKING:
     from precision_pin.statistics import Specification
 
 FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*")
-FILES_OF_POSES: Final = ("poses.json", "position.*", "attitude.*")
 """Files written to a folder."""
-
-MOST_UNTIL: Final = 10**9
-"""Largest number of samples of ``--until`` if no number is given."""
 
 
 @click.command("analyze", cls=shared.SamplingCommand)
@@ -77,7 +73,7 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     from precision_pin.statistics.plan import specification
     from precision_pin.statistics.precision import target
 
-    samples = samples if samples is not None else MOST_UNTIL if until else 100_000
+    samples = samples if samples is not None else 10**9 if until else 100_000
     check_samples(samples)
     for text in until:
         target(text)
@@ -98,7 +94,7 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     outputs = Outputs(
         {"--journal": arm["journal"], "--json": arm["json_path"]},
         out,
-        (*FILES, *(FILES_OF_POSES if may_be_several else ())),
+        (*FILES, *(("poses.json",) if may_be_several else ())),
     )
     outputs.check()
     outputs.refuse_inputs(pose_files(arm))

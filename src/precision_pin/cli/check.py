@@ -59,24 +59,23 @@ def command(as_json: bool, **arm: Any) -> int:
 
 def _findings(arm: Options) -> tuple[Finding, ...]:
     from precision_pin.robot import urdf
+    from precision_pin.robot.chain import Chain
     from precision_pin.sheet.sheet_lint import note_on_normal
 
+    findings: tuple[Finding, ...] = ()
     try:
         found = find_inputs(arm["inputs"], sheet_needed=False)
-    except InputError as error:
-        return error.findings
-    if found.sheet is None:
-        assert found.robot is not None
-        if arm["changes"]:
-            return (Finding("error", "E_USAGE", "--set changes a sheet, and none is given"),)
-        findings = urdf.check(found.robot, package_dirs=arm["package_dirs"])
-        if (arm["tip"] is None and arm["base"] is None) or any(finding.severity == "error" for finding in findings):
+        if found.sheet is None:
+            assert found.robot is not None
+            if arm["changes"]:
+                return (Finding("error", "E_USAGE", "--set changes a sheet, and none is given"),)
+            findings = urdf.check(found.robot, package_dirs=arm["package_dirs"])
+            if (arm["tip"], arm["base"]) != (None, None) and not any(one.severity == "error" for one in findings):
+                Chain.from_urdf(str(found.robot), arm["tip"], arm["base"])
             return findings
-        return findings + _chain_findings(found.robot, arm["tip"], arm["base"])
-    try:
         sheet = read_inputs(found, arm)
     except InputError as error:
-        return error.findings
+        return findings + error.findings
     note = None if sheet.contents is None else note_on_normal(sheet.contents.text, sheet.file)
     return (*sheet.findings, *_pose_findings(sheet), *_allocation_findings(sheet), *([note] if note else ()))
 
@@ -113,16 +112,6 @@ def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
             return error.findings
         # all commands but one read the sheet
         return tuple(replace(one, severity="warning", code="W_ALLOCATE") for one in error.findings)
-    return ()
-
-
-def _chain_findings(robot: object, tip: str | None, base: str | None) -> tuple[Finding, ...]:
-    from precision_pin.robot.chain import Chain
-
-    try:
-        Chain.from_urdf(str(robot), tip, base)
-    except InputError as error:
-        return error.findings
     return ()
 
 

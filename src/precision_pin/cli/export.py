@@ -28,12 +28,9 @@ MOST_UNITS: Final = 100_000
 FEW_UNITS: Final = 100
 """Number of units written without an estimate."""
 TRIALS: Final = 4
-ROW: Final = 300
-"""Bytes of a row of the table."""
 LONG: Final = 10.0
 LARGE: Final = 100_000_000
 """Seconds or bytes above which an estimate is printed."""
-FILES: Final = ("units.csv", "*.unit*.urdf")
 HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 
 
@@ -60,7 +57,7 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     if not 0 <= first <= 2**64 - units:
         raise InputError(f"--first {first}: units {first} to {first + units - 1} do not exist, from 0 to 2^64 - 1")
     folder = Path(out)
-    outputs = Outputs(folder=out, names=FILES)
+    outputs = Outputs(folder=out, names=("units.csv", "*.unit*.urdf"))
     outputs.check()
     sheet = read_sheet(arm, outputs)
     model = ErrorModel.from_sheet(sheet)
@@ -99,24 +96,22 @@ def _estimate(writer: AsBuilt, seed: int, first: int, units: int, folder: Path) 
         started = time.perf_counter()
     home = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
     disk = os.statvfs(home)
-    taken = units * (math.ceil(largest / disk.f_frsize) * disk.f_frsize + ROW)
+    taken = units * (math.ceil(largest / disk.f_frsize) * disk.f_frsize + 300)  # bytes of a row of the table
     free = disk.f_bavail * disk.f_frsize
     what = f"{units:,} robots take {_size(taken)}"
     if taken > free or (disk.f_files > 0 and disk.f_favail <= units):
         room = f"{_size(free)} are free" if taken > free else f"room for {disk.f_favail:,} files is left"
         message = f"cannot write to the folder {folder}: {what}, and {room}; ask for fewer --units or another disk"
         raise OutputError(message)
-    if taken >= LARGE or seconds * units >= LONG:
-        echo_note(f"{what} of {_size(free)} that are free, and some {_duration(seconds * units)}")
+    seconds *= units
+    if taken >= LARGE or seconds >= LONG:
+        duration = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+        echo_note(f"{what} of {_size(free)} that are free, and some {duration}")
 
 
 def _size(size: float) -> str:
     unit, name = next(((unit, name) for unit, name in ((1e9, "GB"), (1e6, "MB")) if size >= unit), (1e3, "kB"))
     return f"{size / unit:.0f} {name}" if size >= 10 * unit else f"{size / unit:.1f} {name}"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def _added(writer: AsBuilt) -> Iterator[Finding]:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
 
 SHEET_SUFFIXES: Final = (".yaml", ".yml")
-MOST_LEAVES: Final = 6
 
 
 @final
@@ -52,21 +51,16 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     if len(robots) > 1 or len(sheets) > 1:
         raise InputError(describe_excess(arguments))
     robot = resolve_robot(robots[0]) if robots else None
-    _refuse_misnamed(robot, Path(sheets[0]) if sheets else None)
+    if robot is not None and re.search(rb"^precision-pin:", _beginning(robot), re.MULTILINE):
+        message = "this is a sheet; name it .yaml or .yml, so that it is taken for one"
+        raise InputError.of("E_FILE_KIND", message, str(robot))
+    if sheets and _beginning(Path(sheets[0])).lstrip().startswith(b"<"):
+        message = "this is XML, not a sheet; name a robot .urdf, so that it is taken for one"
+        raise InputError.of("E_FILE_KIND", message, str(Path(sheets[0])))
     if sheets:
         return Inputs(robot, Path(sheets[0]))
     assert robot is not None
     return Inputs(robot, _sheet_of(robots[0], robot) if sheet_needed else None)
-
-
-def _refuse_misnamed(robot: Path | None, sheet: Path | None) -> None:
-    """Reject a sheet whose name would make it a robot, and the reverse."""
-    if robot is not None and re.search(rb"^precision-pin:", _beginning(robot), re.MULTILINE):
-        message = "this is a sheet; name it .yaml or .yml, so that it is taken for one"
-        raise InputError.of("E_FILE_KIND", message, str(robot))
-    if sheet is not None and _beginning(sheet).lstrip().startswith(b"<"):
-        message = "this is XML, not a sheet; name a robot .urdf, so that it is taken for one"
-        raise InputError.of("E_FILE_KIND", message, str(sheet))
 
 
 def _beginning(path: Path) -> bytes:
@@ -102,7 +96,7 @@ def _sheet_of(name: str, robot: Path) -> Path:
     command, others = f"precision-pin init {shlex.quote(name)}", ""
     if len(leaves) > 1:
         command = urdf.draft_command(name, tip := urdf.likeliest_tip(read))
-        others = f" (or another tip: {', '.join([leaf for leaf in leaves if leaf != tip][:MOST_LEAVES])})"
+        others = f" (or another tip: {', '.join([leaf for leaf in leaves if leaf != tip][:6])})"
     message = f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
     raise InputError(message)
 

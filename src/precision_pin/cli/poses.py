@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 MOST_ROWS: Final = 2**20 - 1
 """Default limit of a trajectory or grid, the largest number of poses for draws of pose scope."""
-_LARGE: Final = 2**20
-"""Bytes of a trajectory from which progress of its reading is shown at once."""
 
 
 @final
@@ -166,7 +164,7 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
     from precision_pin.robot.trajectory import read_trajectory
 
     size = os.path.getsize(file) if os.path.isfile(file) else 0
-    with progress_bar(size, "reading", "B", 0 if size > _LARGE else 0.7) as progress:
+    with progress_bar(size, "reading", "B", 0 if size > 2**20 else 0.7) as progress:
         way = read_trajectory(file, sheet.chain, most, progress)
     kinds = {"time_step": units.TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
     steps: dict[str, float] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,15 +17,12 @@ from precision_pin.cli.analyses import analysis_of
 from precision_pin.cli.inputs import PageOutput, read_sheet
 from precision_pin.cli.measurement import calibration_of
 from precision_pin.cli.options import compile_sampler, progress_bar
-from precision_pin.cli.poses import AskedPoses, check_poses, pose_files, read_grid, read_path, read_poses
+from precision_pin.cli.poses import check_poses, pose_files, read_grid, read_path, read_poses
 from precision_pin.cli.terminal import echo_note, echo_warning_lines
 
 if TYPE_CHECKING:
     from precision_pin.sampling import Progress
-    from precision_pin.sheet import Sheet
 
-_FRONT: Final = 7
-"""Points of the front of cost against accuracy."""
 MOST_POSES: Final = 12
 """Largest number of poses of one page, each with all its analyses."""
 
@@ -72,15 +70,16 @@ def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool,
     target.check()
     target.outputs.refuse_inputs([*pose_files(arm), *shared.layer_files(arm)])
     sheet = read_sheet(arm, target.outputs)
-    asked = _choose_poses(sheet, arm)
+    asked = read_poses(sheet, {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}, MOST_POSES)
+    if len(asked) > MOST_POSES:
+        raise InputError(f"{len(asked)} poses; a report shows at most {MOST_POSES}; analyze takes any number")
     sheet, poses = asked.noted_in(sheet), [pose.where for pose in asked]
     places = None if arm["map_file"] is None else read_grid(sheet, arm["map_file"])
     files = arm["path_file"], arm["compensate_file"]
     way, amended = (None if file is None else read_path(sheet, file) for file in files)
-    if is_allocated:
-        _check_allocation(sheet)
     from precision_pin.analyses.allocation.allocate import allocate
     from precision_pin.analyses.allocation.figure import allocation_chapter
+    from precision_pin.analyses.allocation.problem import read_problem
     from precision_pin.analyses.calibration.figure import calibration_chapter
     from precision_pin.analyses.collect import collect_poses, count_steps
     from precision_pin.analyses.compensation.figure import compensation_chapter
@@ -90,9 +89,20 @@ def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool,
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.pages.report.page import page
 
+    if is_allocated:
+        read_problem(ErrorModel.from_sheet(sheet), None)  # rejects a sheet without an allocation before any long work
     test_at = arm["test_at"]
     asked_for = len(shared.layer_files(arm)) + (test_at is not None) + is_allocated
-    step = _Steps(count_steps(specifications, len(poses)) + asked_for)
+    total = count_steps(specifications, len(poses)) + asked_for
+    begun = itertools.count(1)
+
+    @contextmanager
+    def step(what: str, samples: int) -> Iterator[Progress]:
+        """Report on stderr which step begins, with the progress of those that count samples."""
+        echo_note(f"{next(begun)}/{total} {what}")
+        with progress_bar(samples, what) as progress:
+            yield progress
+
     chapters, missed = [], []
     if arm["calibrate_file"] is not None:
         # first, because only the fit shows whether the readings are those of this arm
@@ -133,7 +143,7 @@ def command(samples: int, seed: int, specs: tuple[str, ...], is_allocated: bool,
             chapters.append(iso9283_chapter(analysis_of("iso9283", sheet, at, seed=seed, cube=at is None)))
     if is_allocated:
         with step("allocation", 0):
-            allocated = allocate(model, seed=seed, pareto=_FRONT)
+            allocated = allocate(model, seed=seed, pareto=7)
             chapters.append(allocation_chapter(allocated))
             missed += [] if allocated.met else ["by the allocation"]
     with step("drawing the page", 0):
@@ -163,37 +173,6 @@ def _given() -> list[str]:
         for one in value if isinstance(value, tuple) else () if value is None else (value,):
             words += [option, _name(one) if option in (*_FILES, "--package-dir") else str(one)]
     return [*words, *(option for option in _FLAGS if values[option])]
-
-
-def _check_allocation(sheet: Sheet) -> None:
-    """Reject a sheet without an allocation before any long work."""
-    from precision_pin.analyses.allocation.problem import read_problem
-    from precision_pin.model.error_model import ErrorModel
-
-    read_problem(ErrorModel.from_sheet(sheet), None)
-
-
-def _choose_poses(sheet: Sheet, arm: shared.Options) -> AskedPoses:
-    once: shared.Options = {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}
-    poses = read_poses(sheet, once, MOST_POSES)
-    if len(poses) > MOST_POSES:
-        raise InputError(f"{len(poses)} poses; a report shows at most {MOST_POSES}; analyze takes any number")
-    return poses
-
-
-class _Steps:
-    """Reports on stderr which step begins, with the progress of those that count samples."""
-
-    def __init__(self, total: int) -> None:
-        self._total = total
-        self._done = 0
-
-    @contextmanager
-    def __call__(self, what: str, samples: int) -> Iterator[Progress]:
-        self._done += 1
-        echo_note(f"{self._done}/{self._total} {what}")
-        with progress_bar(samples, what) as progress:
-            yield progress
 
 
 def _name(path: str) -> str:

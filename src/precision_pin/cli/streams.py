@@ -24,8 +24,7 @@ import click
 from precision_pin.base.errors import InputError, OutputError, one_line
 
 _USUAL_COLUMNS: Final = 80
-_USUAL_ROWS: Final = 24
-"""Size of a terminal that does not report one."""
+"""Of a terminal that does not report its size."""
 _SAID: Final = f"{__name__}.said"
 """Rows of messages of the running command."""
 
@@ -115,7 +114,7 @@ def count_columns(stream: TextIO) -> int | None:
 
 def count_rows(stream: TextIO) -> int:
     """Return the rows of a stream's terminal that remain below the messages of the running command."""
-    rows = _USUAL_ROWS
+    rows = 24
     with suppress(OSError, ValueError):
         rows = os.get_terminal_size(stream.fileno()).lines or rows
     context = click.get_current_context(silent=True)
@@ -159,9 +158,6 @@ NEEDED: Final = 10**9
 AMPLE: Final = 8 * 10**9
 """Address space below which linear algebra runs without threads, each of which reserves some."""
 
-MOST_TRIED: Final = 128
-"""Largest number of threads of linear algebra."""
-
 
 def require_resources() -> None:
     """Reject limits of address space or threads with which the libraries cannot be loaded."""
@@ -170,7 +166,7 @@ def require_resources() -> None:
         raise _lack(
             f"the address space is limited to {limit / 1e6:.0f} MB (ulimit -v); at least {NEEDED / 1e6:.0f} MB are needed"
         )
-    wanted = min(os.cpu_count() or 1, MOST_TRIED)
+    wanted = min(os.cpu_count() or 1, 128)  # linear algebra starts no more threads
     started = _started(wanted)
     if not started:
         raise _lack("the system lets no thread start (a limit of processes or of memory, ulimit -a)")

@@ -28,19 +28,10 @@ _COLOURS: Final = {"MET": "green", "NOT MET": "red", **dict.fromkeys(_UNSURE, "y
 _VERDICT: Final = re.compile(rf"(?<=: )({'|'.join(_COLOURS)})(?= - |: | with |$)")
 _GAP: Final = re.compile(r"\S {2,}\S")
 _JOINT: Final = re.compile(r"(?:(?<=[(,] )|(?<=\())[^\s,()]+ (?=-?[\d.]+(?:°| mm)[,)])")
-_POSE: Final = ", pose "
 _FOOT: Final = "rests on assumptions: "
 _KINDS: Final = re.compile(r" \(.*\)$")
-_CAUSE: Final = "they cause "
 _FEWEST: Final = 12
 """Rows of a result on a terminal of any height."""
-_SHORT: Final = 8
-"""Rows up to which an answer is not repeated."""
-_OF_PROSE: Final = 2
-"""Rows beyond which a sentence is left out if there is no room for all."""
-_OF_TABLE: Final = 3
-"""Fewest rows for which a table is started."""
-_OF_ANSWER: Final = 3
 
 
 class _Piece(NamedTuple):
@@ -95,7 +86,9 @@ def _pieces(lines: Sequence[str], columns: int | None) -> list[_Piece]:
 def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: bool) -> list[str]:
     room = max(count_rows(sys.stdout) - 1 - below, _FEWEST)
     whole = _height(chain(*blocks)) + len(blocks) - 1
-    answer = [] if is_answered or whole <= _SHORT else _answer(text)
+    answer = []
+    if not is_answered and whole > 8:  # a shorter answer is not repeated
+        answer = _verdict_rows(text) or _short(text.partition("\n\n")[0].split("\n"))
     if whole + len(answer) <= room:
         return [*_joined(blocks), *answer]
     *brief, last = [[_unnamed(piece) for piece in block] for block in blocks]
@@ -112,7 +105,7 @@ def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: b
         here = left - (1 if kept else 0)
         taken: list[_Piece] = []
         for piece in block:
-            is_long = rank and not piece.is_table and len(piece.rows) > _OF_PROSE
+            is_long = rank and not piece.is_table and len(piece.rows) > 2
             rows = [] if is_long else piece.rows if len(piece.rows) <= here else _first_rows(piece, here)
             if rows:
                 taken.append(_Piece(rows, piece.is_table))
@@ -134,7 +127,7 @@ def _height(pieces: Iterable[_Piece]) -> int:
 def _brief_foot(pieces: Sequence[_Piece]) -> _Piece:
     """Return the assumptions of a result as one sentence, without their kinds."""
     lines = [" ".join(row.strip() for row in piece.rows) for piece in pieces]
-    text = "; ".join([_KINDS.sub("", lines[0]), *(line for line in lines[1:] if line.startswith(_CAUSE))])
+    text = "; ".join([_KINDS.sub("", lines[0]), *(line for line in lines[1:] if line.startswith("they cause "))])
     return _Piece(wrapped(text, sys.stdout, WIDTH).split("\n"), False)
 
 
@@ -145,22 +138,17 @@ def _joined(blocks: Sequence[Sequence[_Piece]]) -> list[str]:
 def _unnamed(piece: _Piece) -> _Piece:
     """Return the sentence about the arm and the pose without the names of the joints."""
     line = " ".join(row.strip() for row in piece.rows)
-    if piece.is_table or _POSE not in line:
+    if piece.is_table or ", pose " not in line:
         return piece
     return _Piece(wrapped(_JOINT.sub("", line), sys.stdout, WIDTH).split("\n"), False)
 
 
 def _first_rows(piece: _Piece, room: int) -> list[str]:
     """Return the rows of a table that fit, whole groups of its columns first; none of a sentence."""
-    if not piece.is_table or room < _OF_TABLE:
+    if not piece.is_table or room < 3:
         return []
     end = next((k for k, row in enumerate(piece.rows) if not row), len(piece.rows))
     return piece.rows[: min(end, room)]
-
-
-def _answer(text: str) -> list[str]:
-    """Return the verdicts of a text, or its first block, as rows, if short."""
-    return _verdict_rows(text) or _short(text.partition("\n\n")[0].split("\n"))
 
 
 def _verdict_rows(text: str) -> list[str]:
@@ -174,7 +162,7 @@ def _short(lines: Sequence[str]) -> list[str]:
     rows: list[str] = []
     for line in dict.fromkeys(lines):
         more = wrapped(line, sys.stdout, WIDTH).split("\n")
-        if rows and len(rows) + len(more) > _OF_ANSWER:
+        if rows and len(rows) + len(more) > 3:
             break
         rows += more
     return rows
@@ -206,20 +194,17 @@ def echo_warnings(findings: Sequence[Finding], urdf: str | None = None) -> None:
     if urdf is not None and of_urdf:
         warnings, them = ("warning", "it") if len(of_urdf) == 1 else ("warnings", "them")
         codes = ", ".join(dict.fromkeys(of_urdf))
-        _say_once(f"{urdf}: {len(of_urdf)} {warnings} ({codes}); precision-pin check {shlex.quote(urdf)} lists {them}")
+        line = f"{urdf}: {len(of_urdf)} {warnings} ({codes}); precision-pin check {shlex.quote(urdf)} lists {them}"
+        # once per command: ``compare`` reads the same robot for every sheet
+        context = click.get_current_context(silent=True)
+        said = set() if context is None else context.meta.setdefault(f"{__name__}.said", set())
+        if line not in said:
+            said.add(line)
+            say(line)
         findings = [finding for finding in findings if finding.file != urdf]
     for code, count in Counter(finding.code for finding in findings).items():
         first = next(finding for finding in findings if finding.code == code)
         say(f"{first}; and {count - 1} more {code}: --all-warnings" if count > 1 else str(first))
-
-
-def _say_once(line: str) -> None:
-    """Print a line on stderr once per command; ``compare`` reads the same robot for every sheet."""
-    context = click.get_current_context(silent=True)
-    said = set() if context is None else context.meta.setdefault(f"{__name__}.said", set())
-    if line not in said:
-        said.add(line)
-        say(line)
 
 
 def echo_warning_lines(lines: Iterable[str]) -> None:

@@ -65,7 +65,7 @@ def command(
     machine only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.pages.view import MOST_POINTS, check_factor, limits_kept, page
+    from precision_pin.pages.view import MOST_POINTS, MOST_POSES, check_factor, limits_kept, page
     from precision_pin.sampling import check_samples
     from precision_pin.statistics.plan import specification
 
@@ -92,7 +92,10 @@ def command(
 
     def page_of(sheet: Sheet) -> str:
         layers = _layers(sheet, arm)
-        shown, remarks = _sampled(_poses(sheet, arm), sheet, samples, arm)
+        poses = read_poses(sheet, arm, MOST_POSES)
+        if len(poses) > MOST_POSES:
+            raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
+        shown, remarks = _sampled(poses, sheet, samples, arm)
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
@@ -147,15 +150,6 @@ def _layers(sheet: Sheet, arm: shared.Options) -> list[Layer]:
     if (file := arm["calibrate_file"]) is not None:
         layers.append(CalibrationLayer.of(calibration_of(sheet, file)))
     return layers
-
-
-def _poses(sheet: Sheet, arm: shared.Options) -> list[AskedPose]:
-    from precision_pin.pages.view import MOST_POSES
-
-    poses = read_poses(sheet, arm, MOST_POSES)
-    if len(poses) > MOST_POSES:
-        raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
-    return poses
 
 
 def _sampled(

@@ -41,8 +41,6 @@ SHORTEST: Final = 0.5e-3
 """Shortest length with a general tolerance in ISO 2768-1, m."""
 
 _FINE: Final = ((6.0, 0.05), (30.0, 0.1), (120.0, 0.15), (400.0, 0.2), (1000.0, 0.3), (2000.0, 0.5))
-_MEDIUM_OF_THE_LONGEST: Final = 2.0
-_SMALLEST_TILT: Final = 1e-3
 
 
 Lines = list[str]
@@ -50,7 +48,6 @@ ANGLE_OFFSET: Final = "0.02 deg"
 SLIDE_OFFSET: Final = "0.05 mm"
 SEAT_RADIUS: Final = "0.02 mm"
 COMPLIANCE_SPREAD: Final = 0.2
-RIGIDITY_SPREAD: Final = 0.1
 _ALUMINIUM: Final = (70e9, 26e9)
 """Moduli of elasticity and of shear, Pa."""
 _MARK: Final = f"{ASSUMED}: true"
@@ -69,7 +66,7 @@ def general_tolerance(length: float) -> tuple[float, str]:
     for longest, deviation in _FINE:
         if length * 1e3 <= longest:
             return deviation * 1e-3, "f"
-    return _MEDIUM_OF_THE_LONGEST * 1e-3, "m"
+    return 2e-3, "m"
 
 
 def reach(chain: Chain) -> float:
@@ -132,7 +129,7 @@ class Survey:
             conditions, distances = (np.where(free, one, -1.0).tolist() for one in (conditions, distances))
         start = int(np.argmax(conditions))
         distances[start] = -2.0
-        loadable = np.max(tilts, axis=0) > _SMALLEST_TILT
+        loadable = np.max(tilts, axis=0) > 1e-3
         return cls(chain, trials, units, start, int(np.argmax(distances)), np.max(loads, axis=0), loadable)
 
     @cached_property
@@ -454,7 +451,7 @@ def _beams(chain: Chain) -> Lines:
         if np.linalg.norm(placement[:3, 3]) < SHORTEST:
             continue
         laws_text = ", ".join(
-            f"{name}: {{uniform: {_short(RIGIDITY_SPREAD * value)} N*m^2, mean: {_short(value)} N*m^2}}"
+            f"{name}: {{uniform: {_short(0.1 * value)} N*m^2, mean: {_short(value)} N*m^2}}"
             for name, value in (("EI", bending), ("GI", torsion))
         )
         lines.append(f"  # - beam: {{link: {quoted(names[link])}, {laws_text}, {_MARK}}}")

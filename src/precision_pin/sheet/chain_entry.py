@@ -17,7 +17,7 @@ from precision_pin.robot.chain import EARTH, FARTHEST_TARGET, Chain
 from precision_pin.robot.collision import KeepOut, Obstacles
 from precision_pin.robot.configurations import SLACK, joint_quantity
 from precision_pin.robot.examples import resolve_robot
-from precision_pin.robot.urdf import Limit, Robot
+from precision_pin.robot.urdf import Limit
 from precision_pin.robot.urdf import read as read_urdf
 from precision_pin.sheet.schema import POSE_VALUES, Document, Findings
 from precision_pin.sheet.settings import SettingError, placed
@@ -147,8 +147,11 @@ def read_chain(document: Document, findings: Findings, overrides: Overrides, fol
         findings.take(("robot",), error)
         return None
     gravity = _gravity(document, findings)
-    locked = _parse_locked(document, findings, robot)
-    if locked is None:
+    locked: dict[str, float] = {}
+    for name, value in document.locked.items():
+        with findings.taking("locked", name):
+            locked[name] = units.parse(value, joint_quantity(robot.joint(name)))
+    if len(locked) < len(document.locked):
         return None
     try:
         # an empty name is one that no link has
@@ -219,11 +222,3 @@ def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:
         message = f"gravity: {error.findings[0].message}; give three numbers in m/s^2, or one of {allowed}"
         findings.error(("gravity",), message)
         return EARTH
-
-
-def _parse_locked(document: Document, findings: Findings, robot: Robot) -> dict[str, float] | None:
-    values: dict[str, float] = {}
-    for name, value in document.locked.items():
-        with findings.taking("locked", name):
-            values[name] = units.parse(value, joint_quantity(robot.joint(name)))
-    return values if len(values) == len(document.locked) else None

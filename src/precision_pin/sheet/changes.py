@@ -57,10 +57,10 @@ def parse_value(value: str, origin: str) -> Any:
     """Return a value as in a sheet: text, or lists and mappings in YAML's flow style."""
     try:
         read = read_text(value, origin)
+        if read.findings:
+            raise SheetError(read.findings)
     except SheetError as error:
         raise InputError([replace(finding, line=None) for finding in error.findings]) from None
-    if read.findings:
-        raise InputError([replace(finding, line=None) for finding in read.findings])
     return read.data
 
 
@@ -146,7 +146,10 @@ def _paths(
         elif section in _SINGLE:
             yield (section,)
         else:
-            raise _wrong(change, f"{section} holds several values; name one: {_several(section, data.get(section))}")
+            entries = data.get(section)
+            names = list(entries) if isinstance(entries, dict) and entries else ["NAME"]
+            listed = ", ".join(f"{section}.{name}" for name in names)
+            raise _wrong(change, f"{section} holds several values; name one: {listed}")
         return
     found = _SOURCE.fullmatch(change.path)
     if found is None:
@@ -160,11 +163,6 @@ def _paths(
         stated = stated_numbers(kinds[kind], values)
         for path in [_only_number(change, known[k], stated)] if one_number else stated:
             yield from _walk(values, path, ("sources", k, kind), change, may_add=False)
-
-
-def _several(section: str, entries: object) -> str:
-    names = list(entries) if isinstance(entries, dict) else []
-    return ", ".join(f"{section}.{name}" for name in names) or f"{section}.NAME"
 
 
 def _only_number(change: Change, label: str, stated: Mapping[str, StatedNumber]) -> str:

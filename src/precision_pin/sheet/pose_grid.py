@@ -181,24 +181,20 @@ def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[st
     kinds = [kind for kind in _KINDS if kind in keys]
     if len(kinds) != 1:
         raise top.wrong(f"{expected}; this has {' and '.join(kinds) or 'none'}")
-    grid = _read_kind(kinds[0], top, keys, chain, poses or {})
+    kind, poses = kinds[0], poses or {}
+    if kind in ("box", "plane"):
+        grid = _over_places(top, keys, chain, poses)
+    else:
+        for key in _OF_PLACES[1:] if kind == "random" else _OF_PLACES:
+            if key in keys:
+                raise keys[key].wrong(f"{key} goes with box or plane, not with {kind}")
+        grid = _over_joints(keys["joints"], chain) if kind == "joints" else _at_random(keys, chain, poses)
     if "singular_below" not in keys:
         return grid
     (below,) = keys["singular_below"].numbers(units.RATIO, 1, "0.02")
     if below < 0:
         raise keys["singular_below"].wrong("singular_below: expected zero or more")
     return PoseGrid(grid.count, lambda step: grid.solve(step).with_singular_below(chain, below), below)
-
-
-def _read_kind(
-    kind: str, top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]
-) -> PoseGrid:
-    if kind in ("box", "plane"):
-        return _over_places(top, keys, chain, poses)
-    for key in _OF_PLACES[1:] if kind == "random" else _OF_PLACES:
-        if key in keys:
-            raise keys[key].wrong(f"{key} goes with box or plane, not with {kind}")
-    return _over_joints(keys["joints"], chain) if kind == "joints" else _at_random(keys, chain, poses)
 
 
 def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:
@@ -247,7 +243,13 @@ def _over_places(top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses
     kinds = _orientations(keys, chain, poses)
     branches = cast(Branches, keys["branches"].word(("nearest", "best", "all")) if "branches" in keys else "nearest")
     reference = _configuration(keys["reference"], chain, poses) if "reference" in keys else None
-    places = _box(keys["box"]) if "box" in keys else _plane(keys["plane"])
+    if "box" in keys:
+        sides = keys["box"].keys(("x", "y", "z"), "expected x, y and z, each with its values", all_needed=True)
+        rows = [sides[name].values(units.LENGTH, "300 mm") for name in ("x", "y", "z")]
+        with keys["box"].naming():
+            places = box_places(*rows)
+    else:
+        places = _plane(keys["plane"])
     with top.naming():
         count = count_wanted(places.shape[1], kinds)
 
@@ -255,13 +257,6 @@ def _over_places(top: GridEntry, keys: dict[str, GridEntry], chain: Chain, poses
         return place_grid(chain, places, kinds, branches=branches, reference=reference, progress=progress)
 
     return PoseGrid(count, solve)
-
-
-def _box(entry: GridEntry) -> Array:
-    keys = entry.keys(("x", "y", "z"), "expected x, y and z, each with its values", all_needed=True)
-    rows = [keys[name].values(units.LENGTH, "300 mm") for name in ("x", "y", "z")]
-    with entry.naming():
-        return box_places(*rows)
 
 
 def _plane(entry: GridEntry) -> Array:

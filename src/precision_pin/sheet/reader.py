@@ -36,9 +36,6 @@ from precision_pin.terms.source import Source
 
 LARGEST_FILE: Final = 4 * 2**20
 _MOST_NAMED: Final = 4
-_ACCEPTABLE: Final = re.compile(r"(?!W_NO_REST$)W_[A-Z_]+")
-"""Codes of warnings that a sheet can accept; buckling is not among them."""
-_ANY_COMPONENT: Final = ("", ".x", ".y", *(f".{k}" for k in range(6)))
 
 
 @final
@@ -148,7 +145,10 @@ def read(
         changes: Values in place of the sheet's, which must be correct without them.
     """
     file = os.fspath(path)
-    text = read_text(_contents(file), file)
+    try:
+        text = read_text(read_text_file(file, LARGEST_FILE), file)
+    except UnreadableFileError as error:
+        raise SheetError([Finding("error", "E_FILE", f"the sheet {error.reason}", file)]) from None
     contents = Contents(text, file, FilePath(file).parent, tuple(kinds), overrides or Overrides())
     return contents.read_changed(_read(contents), changes)
 
@@ -179,7 +179,11 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     if chain is None:
         findings.refuse()
         raise SheetError("the robot could not be read")
-    _check_joints(broken, chain, findings)
+    for path, settings in broken.items():
+        # unknown joints of sources with other errors too, so that all errors are found at once
+        name = settings.get("joint")
+        if isinstance(name, str) and name not in chain.joint_names:
+            findings.take(path, UnknownNameError("joint on the chain", name, chain.joint_names))
     poses, approaches = parse_poses(document.poses, findings, chain)
     listed = tuple(sources.values())
     names = labels(listed)
@@ -189,7 +193,10 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
         estimates = _estimates(
             document.calibrated, space.including(own_draws(listed, names)), folder, findings, unchanged
         )
-    measurements = _measurements(document, chain, findings)
+    given, measurements = document.measurement, []
+    for k, entry in enumerate(given if isinstance(given, list) else [] if given is None else [given]):
+        with findings.taking("measurement", *([k] if isinstance(given, list) else [])):
+            measurements.append(read_measurement(entry, chain))
     origins = {
         f"{label}.{setting}" if setting else label: origin
         for k, label in zip(sources, names, strict=True)
@@ -197,7 +204,8 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     }
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     for code, reason in document.accept.items():
-        if not _ACCEPTABLE.fullmatch(code) or not reason.strip():
+        # buckling cannot be accepted
+        if not re.fullmatch(r"(?!W_NO_REST$)W_[A-Z_]+", code) or not reason.strip():
             message = f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
             findings.error(("accept", code), message)
     findings.refuse()
@@ -209,17 +217,8 @@ def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
     return Sheet(
         file, chain, space, listed, poses, document.statics, warnings,
         tuple(rank for rank, k in enumerate(sources) if k in marked), approaches=approaches, contents=contents,
-        estimates=estimates, measurements=measurements, origins=origins, accepted=document.accept,
+        estimates=estimates, measurements=tuple(measurements), origins=origins, accepted=document.accept,
     )  # fmt: skip
-
-
-def _measurements(document: Document, chain: Chain, findings: Findings) -> tuple[Measurement, ...]:
-    given, found = document.measurement, []
-    entries = given if isinstance(given, list) else [] if given is None else [given]
-    for k, entry in enumerate(entries):
-        with findings.taking("measurement", *([k] if isinstance(given, list) else [])):
-            found.append(read_measurement(entry, chain))
-    return tuple(found)
 
 
 def _estimates(
@@ -266,13 +265,6 @@ def _edited(estimates: Estimates, now: Mapping[str, tuple[float, float]]) -> str
     )
 
 
-def _contents(file: str) -> str:
-    try:
-        return read_text_file(file, LARGEST_FILE)
-    except UnreadableFileError as error:
-        raise SheetError([Finding("error", "E_FILE", f"the sheet {error.reason}", file)]) from None
-
-
 def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
     """Return the sheet's contents and its wrong top-level keys; these are left out, so that reading continues."""
     if not isinstance(text.data, dict):
@@ -312,7 +304,7 @@ def _parameters(
             parameter = parse_parameter(name, law, quantities, folder)
         except InputError as error:
             findings.take(path, error)
-            unread += [name + suffix for suffix in _ANY_COMPONENT]
+            unread += [name, f"{name}.x", f"{name}.y", *(f"{name}.{k}" for k in range(6))]
             continue
         names = {name, *parameter.draw.components}
         taken = next((other for other in sorted(names) if other in owners), None)
@@ -363,14 +355,6 @@ def _sources(
             findings.take((*path, name), error)
             broken[*path, name] = settings
     return sources, origins, broken
-
-
-def _check_joints(broken: Mapping[Path, Mapping[str, Any]], chain: Chain, findings: Findings) -> None:
-    """Report unknown joints of sources with other errors too, so that all errors are found at once."""
-    for path, settings in broken.items():
-        name = settings.get("joint")
-        if isinstance(name, str) and name not in chain.joint_names:
-            findings.take(path, UnknownNameError("joint on the chain", name, chain.joint_names))
 
 
 def _try_terms(
@@ -453,14 +437,13 @@ def _ratio(value: Any, where: Path) -> float:
 
 
 _RESULT_SCHEMA: Final = "precision-pin/calibration/1"
-_LARGEST_RESULT: Final = 64 * 2**20
 
 
 def read_estimates(file: str, folder: FilePath) -> Estimates:
     """Return the estimates in JSON written by ``calibrate``."""
     path = folder / file
     try:
-        data = json.loads(read_text_file(path, _LARGEST_RESULT))
+        data = json.loads(read_text_file(path, 64 * 2**20))
     except UnreadableFileError as error:
         raise InputError(f"calibrated: {file} {error.reason}") from None
     except (ValueError, RecursionError):
@@ -469,14 +452,6 @@ def read_estimates(file: str, folder: FilePath) -> Estimates:
     schema = data.get("schema") if isinstance(data, dict) else None
     if schema != _RESULT_SCHEMA:
         raise InputError(f"calibrated: {file} is no result of calibrate ({_RESULT_SCHEMA}); calibrate --json writes it")
-    found = _complete_estimates(data)
-    if found is None:
-        raise InputError(f"calibrated: the estimates in {file} are not complete; let calibrate write it again")
-    return found
-
-
-def _complete_estimates(data: dict[str, Any]) -> Estimates | None:
-    """Return the estimates of a result; ``None`` if something is missing or not a number."""
     try:
         names = tuple(map(str, data["posterior"]["names"]))
         mean = np.array([data["posterior"]["mean"][name] for name in names], dtype=float)
@@ -485,15 +460,14 @@ def _complete_estimates(data: dict[str, Any]) -> Estimates | None:
         stated = {
             str(name): (float(one["mean"]), float(one["std"])) for name, one in (data.get("in_sheet") or {}).items()
         }
+        if not covariance.shape == (len(names),) * 2 or not len(set(names)) == len(names) > 0:
+            raise ValueError
+        if not (np.isfinite(covariance).all() and np.isfinite(mean).all()):
+            raise ValueError
     except (AttributeError, KeyError, TypeError, ValueError):
-        return None
-    size = len(names)
-    is_whole = covariance.shape == (size, size) and len(set(names)) == size > 0
-    return (
-        Estimates(names, mean, covariance, stated)
-        if is_whole and np.isfinite(covariance).all() and np.isfinite(mean).all()
-        else None
-    )
+        message = f"calibrated: the estimates in {file} are not complete; let calibrate write it again"
+        raise InputError(message) from None
+    return Estimates(names, mean, covariance, stated)
 
 
 MEASURED: Final = "measured"
@@ -575,10 +549,6 @@ def origins_by_path(
     return found
 
 
-_LEFT_OUT = ("precision-pin", "allocate", "measurement")
-"""Keys that do not change the error."""
-
-
 @final
 @dataclass(frozen=True)
 class SheetDifference:
@@ -619,7 +589,8 @@ def _values(sheet: Sheet) -> Iterator[tuple[str, str]]:
             for label, entry in zip(labels(sheet.sources), value, strict=True):
                 yield label, "present"
                 yield from _flat(label, next(iter(entry.values())))
-        elif key not in _LEFT_OUT:
+        # the other keys do not change the error
+        elif key not in ("precision-pin", "allocate", "measurement"):
             yield from _flat(key, value)
 
 

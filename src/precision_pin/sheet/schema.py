@@ -204,7 +204,8 @@ def _field_type(entry: SettingField) -> Any:
         return Annotated[Any, read, WithJsonSchema(_numbers_schema(quantities, levels))]
     if listed is not None:
         read = _reader(lambda value, info: _settings(value, quantities, info))
-        return Annotated[tuple[Any, ...], read, WithJsonSchema(_list_schema(quantities))]
+        one = _setting_schema(quantities)
+        return Annotated[tuple[Any, ...], read, WithJsonSchema({"anyOf": [one, {"type": "array", "items": one}]})]
     if Law in options:
         read = _reader(lambda value, info: _setting(value, quantities, info))
         return Annotated[Any, read, WithJsonSchema(_setting_schema(quantities))]
@@ -274,11 +275,6 @@ def _either(note: object) -> tuple[Quantity, ...]:
     return (note,) if isinstance(note, Quantity) else ()
 
 
-def _context(info: ValidationInfo[Any]) -> Context:
-    assert isinstance(info.context, Context)
-    return info.context
-
-
 def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]:
     """Return the quantities that a setting can have at the source's joint."""
     result: list[Quantity] = []
@@ -286,7 +282,7 @@ def _quantities(notes: Notes, info: ValidationInfo[Any]) -> tuple[Quantity, ...]
         if not isinstance(note, PerJoint):
             result += _either(note)
         else:
-            is_prismatic = _context(info).prismatic.get(info.data.get("joint", ""))
+            is_prismatic = info.context.prismatic.get(info.data.get("joint", ""))
             result += [note.revolute] if is_prismatic is not True else []
             result += [note.prismatic] if is_prismatic is not False else []
     return tuple(result)
@@ -307,13 +303,12 @@ def _reader(read: Callable[[Any, ValidationInfo[Any]], object]) -> BeforeValidat
 def _read_file(value: object, info: ValidationInfo[Any]) -> FilePath:
     if not isinstance(value, str) or not value:
         raise ValueError("expected the name of a file")
-    return _context(info).folder / value
+    return info.context.folder / value
 
 
 def _setting(value: object, notes: Notes, info: ValidationInfo[Any], below: Path = ()) -> object:
-    context = _context(info)
     try:
-        return parse_setting(value, _quantities(notes, info), context.named, context.folder)
+        return parse_setting(value, _quantities(notes, info), info.context.named, info.context.folder)
     except InputError as error:
         raise SettingReason(error, below) from None
 
@@ -384,10 +379,6 @@ def _with_references(schema: Any) -> Any:
     if isinstance(schema, dict):
         return {"$ref": "#/$defs/law"} if schema == _LAW else {key: _with_references(schema[key]) for key in schema}
     return [_with_references(entry) for entry in schema] if isinstance(schema, list) else schema
-
-
-def _list_schema(notes: Notes) -> dict[str, Any]:
-    return {"anyOf": [_setting_schema(notes), {"type": "array", "items": _setting_schema(notes)}]}
 
 
 def _numbers_schema(notes: Notes, levels: int) -> dict[str, Any]:
@@ -567,19 +558,21 @@ def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
 
 def _meaning(model: type[BaseModel], location: Path) -> str:
     """Return the description of a key at pydantic's location, or empty."""
-    for key in location[:-1]:
-        if key in model.model_fields:
-            model = _inner(model.model_fields[str(key)].annotation) or model
+    model = _model_at(model, location[:-1])
     found = [field for name, field in model.model_fields.items() if location[-1] in (name, field.alias)]
     return (found[0].description or "").removesuffix(".") if found else ""
 
 
 def _keys(model: type[BaseModel], location: Path) -> list[str]:
     """Return the keys allowed at pydantic's location below a model."""
+    return [field.alias or name for name, field in _model_at(model, location).model_fields.items()]
+
+
+def _model_at(model: type[BaseModel], location: Path) -> type[BaseModel]:
     for key in location:
         if key in model.model_fields:
             model = _inner(model.model_fields[str(key)].annotation) or model
-    return [field.alias or name for name, field in model.model_fields.items()]
+    return model
 
 
 def _inner(hint: object) -> type[BaseModel] | None:

@@ -25,14 +25,6 @@ FEW: Final = 30
 """Measured samples below which the spread of draws from them gets a warning."""
 _CONFIDENCE: Final = 0.95
 
-LARGE_ANGLE: Final = math.radians(2)
-"""Error angle, written in rad, from which a warning is given."""
-MOST_TURNS: Final = 2
-"""Turns beyond which an unlimited joint's value in rad gets a warning."""
-_LARGE_BY_NATURE: Final = frozenset(("roll", "period"))
-_SLIP: Final = 0.002
-"""Largest distance to a multiple of π/4 at which a number counts as its rounded value."""
-
 
 def remark_on_sources(
     document: Document,
@@ -44,16 +36,16 @@ def remark_on_sources(
     findings: Findings,
 ) -> None:
     """Warn of settings that are probably unintended; refuse laws too wide to compute with."""
-    placed: list[tuple[Path, Source, str]] = [
-        (("sources", k, source.kind()), source, label)
-        for (k, source), label in zip(sources.items(), names, strict=True)
-    ]
     for path, draw in (*((("parameters", draw.name), draw) for draw in parameters), *own):
-        _remark_on_draw(path, draw, findings)
+        with findings.taking(*path):
+            _ = draw.covariance
+            remark = few_samples(draw.law)
+            if remark is not None:
+                findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
     findings.refuse()
-    for path, source, label in placed:
-        for remark in source.remarks(LabelledSpace(space, label)):
-            findings.warning(path, remark.message, remark.code)
+    for (k, source), label in zip(sources.items(), names, strict=True):
+        for found in source.remarks(LabelledSpace(space, label)):
+            findings.warning(("sources", k, source.kind()), found.message, found.code)
     if not sources:
         message = "there are no error sources: every robot is perfect, and no specification can be judged"
         findings.warning(("sources",), message, "W_NO_SOURCES")
@@ -62,14 +54,6 @@ def remark_on_sources(
         findings.warning(("sources",), message, "W_NOTHING_VARIES")
     _remark_on_constants(document, sources, findings)
     _remark_on_angles(document, sources, findings)
-
-
-def _remark_on_draw(path: Path, draw: Draw, findings: Findings) -> None:
-    with findings.taking(*path):
-        _ = draw.covariance
-        remark = few_samples(draw.law)
-        if remark is not None:
-            findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
 
 
 def _remark_on_constants(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
@@ -196,7 +180,8 @@ def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]
     """Yield path and text of each angle in rad that is large for an error, in a source's settings or a law."""
     if isinstance(value, Mapping):
         for key, entry in value.items():
-            if key not in _LARGE_BY_NATURE:
+            # these are large by nature
+            if key not in ("roll", "period"):
                 yield from _large_angles(entry, (*below, key))
     elif isinstance(value, list):
         for k, entry in enumerate(value):
@@ -206,7 +191,7 @@ def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]
             numbers, unit = units.split(value.lstrip(" ±+-/"))
         except InputError:
             return
-        if unit == "rad" and max(map(abs, numbers)) >= LARGE_ANGLE:
+        if unit == "rad" and max(map(abs, numbers)) >= math.radians(2):
             yield below, value
 
 
@@ -224,7 +209,8 @@ def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> s
         if unit in ("deg", "°"):
             small = small and abs(number) <= 2 * math.pi
             eighths = abs(number) / (math.pi / 4)
-            if round(eighths) and abs(eighths - round(eighths)) * math.pi / 4 < _SLIP and number != round(number):
+            # so near to a multiple of π/4 the number is taken for its rounded value
+            if round(eighths) and abs(eighths - round(eighths)) * math.pi / 4 < 0.002 and number != round(number):
                 slips.append(f"{name} at {number:g} deg looks like {round(eighths) / 4:g} π; did you mean rad?")
     return slips[0] if small and slips else None
 
@@ -232,5 +218,5 @@ def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> s
 def _looks_like_degrees(number: float, joint: Joint) -> bool:
     limit = None if joint.kind == "continuous" else joint.limit
     if limit is None or math.isinf(limit.lower) or math.isinf(limit.upper):
-        return abs(number) > MOST_TURNS * 2 * math.pi
+        return abs(number) > 2 * 2 * math.pi  # two turns
     return not limit.lower <= number <= limit.upper and limit.lower <= math.radians(number) <= limit.upper

@@ -149,8 +149,7 @@ def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], 
             tag = getattr(event, "tag", None)
             if tag is not None:
                 findings.append(wrong(f"the tag {tag} is not allowed; every value is plain text", line))
-            node = _Node(line, event.value if isinstance(event, scalars) else None)
-            node.is_mapping = isinstance(event, mappings)
+            node = _Node(line, event.value if isinstance(event, scalars) else None, isinstance(event, mappings))
             open_nodes[-1].entries.append(node)
             if event.anchor is not None:
                 anchors[event.anchor] = node
