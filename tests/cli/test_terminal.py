@@ -11,6 +11,7 @@ import click
 import pytest
 
 from cli.conftest import LONG
+from precision_pin.base.progress import compilation
 from precision_pin.cli.terminal import WIDTH, echo_table
 from precision_pin.render.text_table import aligned, folded, width
 
@@ -53,6 +54,12 @@ def test_sentences_are_folded_and_rows_are_not(capsys: pytest.CaptureFixture[str
     assert " ".join(line.strip() for line in folded) == f"arm.urdf: base to tool, pose ({joints})"
     # a joint and its value are in one line
     assert all(line.endswith((",", ")")) for line in folded)
+
+
+def test_a_script_without_a_terminal_is_told_of_compiling(capsys: pytest.CaptureFixture[str]) -> None:
+    with compilation() as show:
+        show(0.5)
+    assert capsys.readouterr().err == "precision-pin: compiling the sampler, once on this machine: some 8 s\n"
 
 
 def test_a_terminal_has_whole_rows_of_tables_and_lines_of_its_width(printed) -> None:
