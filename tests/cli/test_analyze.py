@@ -305,7 +305,8 @@ def test_a_folder_without_the_right_to_write(run, folder, contents, monkeypatch)
 def test_a_full_disk_leaves_nothing_half_written(run, folder, contents, monkeypatch, target):
     """The JSON alone cannot be written; or it can, and the plots after it cannot."""
 
-    def full(*_: object) -> None:
+    def full(*arguments: object) -> None:
+        next(one for one in arguments if isinstance(one, Path)).touch()
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from typing import Any
@@ -196,11 +197,15 @@ measurement: {kind: plane, plane: {point: 0 0 1 mm, normal: 0 0 1}, target_known
 """
 
 
+@functools.cache
+def validator() -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(json_schema())
+
+
 def faults(text: str) -> list[str]:
     """Return what the schema says of a sheet as an editor sees it, with the types of YAML."""
     sheet: Any = YAML(typ="safe", pure=True).load(text)
-    validator = jsonschema.Draft202012Validator(json_schema())
-    return [error.message for error in validator.iter_errors(json.loads(json.dumps(sheet)))]
+    return [error.message for error in validator().iter_errors(json.loads(json.dumps(sheet)))]
 
 
 @pytest.fixture

@@ -87,7 +87,11 @@ def _code() -> int:
         error.show()
         return EXIT_INPUT
     except click.ClickException as error:
-        return _say(_usage_line(error), EXIT_INPUT)
+        # one line that names the help
+        message = one_line(" ".join(error.format_message().split()).rstrip("."))
+        context = getattr(error, "ctx", None)
+        path = "precision-pin" if context is None else context.command_path
+        return _say(f"{path}: error E_USAGE: {message}; see {path} --help", EXIT_INPUT)
     except InputError as error:
         return _say(str(error), EXIT_INPUT)
     except Exception as error:  # noqa: BLE001 - the last resort
@@ -108,14 +112,6 @@ def _interrupted() -> int:
 
 class _InterruptedError(Exception):
     """Ctrl-C, hidden from click, which would print an empty line for it."""
-
-
-def _usage_line(error: click.ClickException) -> str:
-    """Return a usage error as one line that names the help."""
-    message = one_line(" ".join(error.format_message().split()).rstrip("."))
-    context = getattr(error, "ctx", None)
-    path = "precision-pin" if context is None else context.command_path
-    return f"{path}: error E_USAGE: {message}; see {path} --help"
 
 
 def _say(message: str, code: int) -> int:
