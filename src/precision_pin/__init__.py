@@ -56,17 +56,17 @@ if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel as ErrorModel
     from precision_pin.model.error_model import every_frame as every_frame
     from precision_pin.robot import mcpc as mcpc
-    from precision_pin.robot.approach import ApproachedPose as ApproachedPose
     from precision_pin.robot.chain import Chain as Chain
     from precision_pin.robot.chain import Posture as Posture
+    from precision_pin.robot.configurations import ApproachedPose as ApproachedPose
     from precision_pin.robot.inverse_kinematics import inverse_kinematics as inverse_kinematics
     from precision_pin.robot.pose_grids import Orientation as Orientation
     from precision_pin.robot.pose_grids import box_places as box_places
     from precision_pin.robot.pose_grids import joint_grid as joint_grid
     from precision_pin.robot.pose_grids import place_grid as place_grid
     from precision_pin.robot.pose_grids import plane_places as plane_places
+    from precision_pin.robot.pose_grids import random_poses as random_poses
     from precision_pin.robot.postures import Postures as Postures
-    from precision_pin.robot.random_poses import random_poses as random_poses
     from precision_pin.robot.trajectory import read_trajectory as read_trajectory
     from precision_pin.sampling import monte_carlo as monte_carlo
     from precision_pin.sampling.approaches import sample_approaches as sample_approaches
@@ -106,12 +106,11 @@ _NAMES: Final = {
     "TruncatedNormal TwoPoint Uniform",
     "draws.space": "Space",
     "model.error_model": "ErrorModel every_frame",
-    "robot.approach": "ApproachedPose",
     "robot.chain": "Chain Posture",
+    "robot.configurations": "ApproachedPose",
     "robot.inverse_kinematics": "inverse_kinematics",
-    "robot.pose_grids": "Orientation box_places joint_grid place_grid plane_places",
+    "robot.pose_grids": "Orientation box_places joint_grid place_grid plane_places random_poses",
     "robot.postures": "Postures",
-    "robot.random_poses": "random_poses",
     "robot.trajectory": "read_trajectory",
     "sampling": "monte_carlo",
     "sampling.approaches": "sample_approaches",

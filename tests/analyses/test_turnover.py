@@ -13,7 +13,7 @@ from precision_pin.draws.laws import Normal, TruncatedNormal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.equilibrium import MOST_SIDES, fixed_sides, side_variants, turnover_findings
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.approach import ApproachedPose
+from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.sources.backlash import Backlash
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.sources.payload import Payload

@@ -14,8 +14,7 @@ import precision_pin as pp
 from api.api_calls import POSE, model
 from precision_pin.base import se3
 from precision_pin.base.errors import PrecisionPinError
-from precision_pin.robot.loads import Load
-from precision_pin.robot.places import Place
+from precision_pin.robot.places import Load, Place
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term
 

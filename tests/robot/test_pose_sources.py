@@ -10,8 +10,8 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.base.errors import InputError, UnknownNameError
-from precision_pin.robot.approach import approaches_along, read_approach, written_approach
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.configurations import approaches_along, read_approach, written_approach
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet, smallest_singular_values
 from support.oracles import ur5_branches, ur5_pose
@@ -144,7 +144,7 @@ def test_a_random_design_lies_evenly_over_joints_or_places(monkeypatch):
     assert np.abs((joints.q**2).mean(axis=1) - 1 / 3).max() < 4 * math.sqrt(4 / 45 / 2000)
     assert np.abs(np.corrcoef(joints.q) - np.eye(4)).max() < 4 / math.sqrt(2000)
     # the same for a seed, the smaller design at the begin of the larger, however many are drawn together
-    monkeypatch.setattr("precision_pin.robot.random_poses._MOST", 48)
+    monkeypatch.setattr("precision_pin.robot.pose_grids._MOST", 48)
     np.testing.assert_array_equal(pp.random_poses(table, 100, seed=3).q, joints.q[:, :100])
     assert (pp.random_poses(table, 100, seed=4).q != joints.q[:, :100]).all()
     kinds = [pp.Orientation.along((0, 0, 1), 8), pp.Orientation.given((0, 0, 2.5))]

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from precision_pin import Draw, ErrorModel, InputError, Space, Uniform
 from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.loads import Load
+from precision_pin.robot.places import Load
 from precision_pin.sources import Beam, JointCompliance
 from precision_pin.sources.profiles import Segment
 from support.checks.common import evaluated, one_link

@@ -11,7 +11,7 @@ import pytest
 from precision_pin import Chain, ErrorModel, InputError, Posture, Source, Space, Term, Uniform
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.loads import Load
+from precision_pin.robot.places import Load
 from precision_pin.sources import (
     AxisInstall,
     Backlash,

@@ -11,8 +11,7 @@ from precision_pin.base import se3
 from precision_pin.draws.expressions import Expression
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.loads import Deflection, Load
-from precision_pin.robot.places import Place
+from precision_pin.robot.places import Deflection, Load, Place
 from precision_pin.terms.source import Source
 from precision_pin.terms.term import Term
 

@@ -17,7 +17,7 @@ from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
 from precision_pin.render.tables import origins_entry
-from precision_pin.robot.approach import ApproachedPose, approach_entry, written_approach
+from precision_pin.robot.configurations import ApproachedPose, approach_entry, written_approach
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics.intervals import check_confidence
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from precision_pin.robot.approach import ApproachedPose
+    from precision_pin.robot.configurations import ApproachedPose
     from precision_pin.robot.pose_set import PoseSet
     from precision_pin.robot.trajectory import Trajectory
     from precision_pin.sheet import Sheet
@@ -74,7 +74,7 @@ def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses
     """Return poses with the approach that ``--approach`` asks for."""
     import numpy as np
 
-    from precision_pin.robot.approach import ApproachedPose
+    from precision_pin.robot.configurations import ApproachedPose
 
     values = np.column_stack([pose_values(sheet, pose) for pose in poses])
     approached = [
@@ -87,7 +87,7 @@ def approach_poses(sheet: Sheet, poses: AskedPoses, approach: str) -> AskedPoses
 def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDArray[np.int8]:
     import numpy as np
 
-    from precision_pin.robot.approach import PREVIOUS, approaches_along, read_approach
+    from precision_pin.robot.configurations import PREVIOUS, approaches_along, read_approach
 
     if approach == PREVIOUS:
         if values.shape[1] < 2:

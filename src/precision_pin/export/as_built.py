@@ -34,12 +34,12 @@ from precision_pin.draws.draw import Scope
 from precision_pin.draws.expressions import component_names
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.robot.places import ORDER_FRAME, Place
 from precision_pin.robot.urdf import Joint, Limits, Robot, parse, rpy_of
 from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
-from precision_pin.robot.urdf.transforms import to_vector
+from precision_pin.robot.urdf.robot import to_vector
 from precision_pin.robot.urdf.xmltree import Findings, read_regular_file
 from precision_pin.terms.term import JointValue
 

@@ -31,8 +31,7 @@ from precision_pin.draws.expressions import Expression, Program, fix_signs, oper
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel, spread_of
 from precision_pin.robot.chain import Posture
-from precision_pin.robot.loads import Deflection, Factors
-from precision_pin.robot.places import Place
+from precision_pin.robot.places import Deflection, Factors, Place
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
 

@@ -23,8 +23,8 @@ from precision_pin.draws.space import Estimates, LabelledSpace, Space
 from precision_pin.model.equilibrium import settle, statics_findings, terms_about_rest
 from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, origins_of_numbers
 from precision_pin.render.html import Table, rendered
-from precision_pin.robot.approach import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.chain import Chain, Posture, pose_findings
+from precision_pin.robot.configurations import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.sheet.reader import MEASURED
@@ -44,7 +44,7 @@ class ErrorModel:
         space: The draws with names of their own (a sheet's ``parameters``).
         sources: Error sources, in any order. Laws in their settings become draws of the model.
         poses: Named configurations, the first one the default; as an
-            :class:`~precision_pin.robot.approach.ApproachedPose` with an approach.
+            :class:`~precision_pin.robot.configurations.ApproachedPose` with an approach.
         statics: ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest
             under them.
 
@@ -176,7 +176,7 @@ class ErrorModel:
     def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
         """Return joint values in chain order, given so, by joint name or pose name; by default the first pose's.
 
-        An :class:`~precision_pin.robot.approach.ApproachedPose` gives those of its pose.
+        An :class:`~precision_pin.robot.configurations.ApproachedPose` gives those of its pose.
 
         Raises:
             UnknownNameError: No such pose or joint.
@@ -228,7 +228,7 @@ class ErrorModel:
         """Return the approach of each of many poses, ``(n, P)``; ``None`` if none has one.
 
         Args:
-            q: The poses, as for :meth:`configurations`; an :class:`~precision_pin.robot.approach.ApproachedPose` gives
+            q: The poses, as for :meth:`configurations`; an :class:`~precision_pin.robot.configurations.ApproachedPose` gives
                 each of its poses its approach.
             values: Their joint values ``(n, P)``.
         """
@@ -248,7 +248,7 @@ class ErrorModel:
 
         Args:
             q: As in :meth:`configuration`.
-            approach: As in :class:`~precision_pin.robot.approach.ApproachedPose`; by default that of the pose.
+            approach: As in :class:`~precision_pin.robot.configurations.ApproachedPose`; by default that of the pose.
         """
         q = q if approach is None else ApproachedPose(q, approach)
         at = self._at(replace(self.chain.at(self.configuration(q)), approach=self.approach(q)))

@@ -15,7 +15,7 @@ from precision_pin.base.errors import Finding, InputError, visible
 from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.robot.approach import ApproachedPose
+from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.statistics import NO_SPREAD, Grounds
 
 _MOST_POSES: Final = 50

@@ -37,22 +37,24 @@ from precision_pin.base.arrays import Array, Fixed, read_only, returns_read_only
 from precision_pin.base.errors import Finding, InputError, add, shown, warns_at_end
 from precision_pin.base.units import ACCELERATION, LENGTH, MASS
 from precision_pin.render.html import Table, rendered
-from precision_pin.robot.approach import Approach
-from precision_pin.robot.configurations import Configurations
+from precision_pin.robot.configurations import Approach, Configurations
 from precision_pin.robot.examples import ELSEWHERE, resolve_robot
-from precision_pin.robot.loads import (
+from precision_pin.robot.pinocchio_model import PinocchioModel, model_poses
+from precision_pin.robot.places import (
     Deflection,
     Factors,
+    LinkFrame,
     Load,
+    Place,
     Weight,
+    link_frames,
+    locked_values,
     own_loads,
     torque_on,
     weigh,
     wrench_basis,
     wrench_on,
 )
-from precision_pin.robot.pinocchio_model import PinocchioModel, model_poses
-from precision_pin.robot.places import LinkFrame, Place, link_frames, locked_values
 from precision_pin.robot.postures import ChainConstants, Postures, alignment
 from precision_pin.robot.urdf import Joint, Robot, ask_for_tip, parse, read, rerooted
 

@@ -14,8 +14,8 @@ from precision_pin.base.arguments import check_number
 from precision_pin.base.arrays import Array, fix_fields
 from precision_pin.base.errors import InputError
 from precision_pin.render.tables import pose_labels
-from precision_pin.robot.approach import approach_entry, written_approach
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.configurations import approach_entry, written_approach
 
 PoseStatus = Literal["reached", "unreachable", "limit", "singular", "collision", "kept out"]
 """Reached; no joint values; a joint outside its limits; near a singularity; the arm hits itself, or is kept out.
@@ -47,7 +47,7 @@ class PoseSet:
         node: Rank of the place or wanted pose of each pose, ``(P,)``: poses of one node are its branches and wrist
             angles. ``None`` if each pose is its own.
         approaches: Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see
-            :mod:`precision_pin.robot.approach`. ``None`` if no pose has one.
+            :mod:`precision_pin.robot.configurations`. ``None`` if no pose has one.
         left_out: For a random design, the number of dropped draws at which the arm hits something, by status.
 
     Raises:

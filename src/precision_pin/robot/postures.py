@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_memory
 from precision_pin.base.arrays import Array, read_only, returns_read_only
-from precision_pin.robot.loads import Load
+from precision_pin.robot.places import Load
 
 
 def alignment(axis: Array) -> Array:

@@ -20,7 +20,7 @@ from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.approach import Approach
+from precision_pin.robot.configurations import Approach
 
 
 @final

@@ -35,7 +35,7 @@ from precision_pin.base.arrays import Array, versions
 from precision_pin.base.errors import InputError, InternalError, OutputError
 from precision_pin.kernel import loops
 from precision_pin.kernel.sampler import BLOCK
-from precision_pin.robot.approach import written_approach
+from precision_pin.robot.configurations import written_approach
 from precision_pin.sampling.blocks import Work
 from precision_pin.sampling.poses_result import POSE_ARRAYS
 from precision_pin.statistics import State

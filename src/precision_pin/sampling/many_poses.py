@@ -40,8 +40,8 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings, strained_findings
 from precision_pin.render.tables import pose_labels
-from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import pose_findings
+from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Sent, Work, check_packages, packages
 from precision_pin.sampling.journal import (

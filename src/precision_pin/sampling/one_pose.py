@@ -24,7 +24,7 @@ from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
-from precision_pin.robot.approach import ApproachedPose, written_approach
+from precision_pin.robot.configurations import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import (
     PILOT,
     Work,

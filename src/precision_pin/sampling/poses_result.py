@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from precision_pin.base.arguments import check_name, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding
-from precision_pin.base.record import Keys, Record
-from precision_pin.base.versions import versions
+from precision_pin.base.arrays import Keys, Record
+from precision_pin.base.arrays import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import grounds_at_each
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
-from precision_pin.robot.approach import approach_entry, written_approach
+from precision_pin.robot.configurations import approach_entry, written_approach
 from precision_pin.statistics import (
     COMPONENTS,
     NORMS,

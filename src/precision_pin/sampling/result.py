@@ -17,7 +17,7 @@ from precision_pin.model.pose_model import OriginShares
 from precision_pin.render import tables
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
-from precision_pin.robot.approach import approach_entry
+from precision_pin.robot.configurations import approach_entry
 from precision_pin.statistics import (
     QUANTITIES,
     Distribution,

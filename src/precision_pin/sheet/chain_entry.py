@@ -12,10 +12,16 @@ import numpy as np
 from precision_pin.base import units
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UrdfError
-from precision_pin.robot.approach import PREVIOUS, Approach, approaches_along, read_approach
 from precision_pin.robot.chain import EARTH, FARTHEST_TARGET, Chain
 from precision_pin.robot.collision import KeepOut, Obstacles
-from precision_pin.robot.configurations import SLACK, joint_quantity
+from precision_pin.robot.configurations import (
+    PREVIOUS,
+    SLACK,
+    Approach,
+    approaches_along,
+    joint_quantity,
+    read_approach,
+)
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.robot.urdf import Limit
 from precision_pin.robot.urdf import read as read_urdf

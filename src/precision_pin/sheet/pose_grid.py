@@ -26,9 +26,9 @@ from precision_pin.robot.pose_grids import (
     joint_grid,
     place_grid,
     plane_places,
+    random_poses,
 )
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
-from precision_pin.robot.random_poses import random_poses
 from precision_pin.sheet.chain_entry import parse_pose
 from precision_pin.sheet.text import Path, Text, read_text
 

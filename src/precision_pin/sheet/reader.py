@@ -21,8 +21,8 @@ from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Estimates, Extension, LabelledSpace, Space
-from precision_pin.robot.approach import Approach
 from precision_pin.robot.chain import Chain, chain_findings
+from precision_pin.robot.configurations import Approach
 from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, final
 import numpy as np
 
 from precision_pin.draws.expressions import Expression, Value
-from precision_pin.robot.loads import Factors, Load
+from precision_pin.robot.places import Factors, Load
 from precision_pin.terms import Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term, at_means, units
 
 

@@ -16,8 +16,8 @@ from precision_pin.draws.space import LabelledSpace as LabelledSpace
 from precision_pin.draws.space import entry_name as entry_name
 from precision_pin.robot.chain import Chain as Chain
 from precision_pin.robot.chain import Posture as Posture
-from precision_pin.robot.loads import Factors as Factors
-from precision_pin.robot.loads import Load as Load
+from precision_pin.robot.places import Factors as Factors
+from precision_pin.robot.places import Load as Load
 from precision_pin.robot.places import Place as Place
 from precision_pin.terms.source import Dependence as Dependence
 from precision_pin.terms.source import Source as Source

@@ -16,7 +16,7 @@ from precision_pin.base.units import PerJoint, Quantity
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.loads import Factors, Load
+from precision_pin.robot.places import Factors, Load
 from precision_pin.terms.source import Source
 from precision_pin.terms.table import is_alike
 from precision_pin.terms.term import Term

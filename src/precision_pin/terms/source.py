@@ -24,7 +24,7 @@ from precision_pin.draws.expressions import Component, Expression, component_nam
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import LabelledSpace, entry_name
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.robot.loads import Factors, Load
+from precision_pin.robot.places import Factors, Load
 from precision_pin.terms.term import Term
 
 Dependence = Literal["chain", "configuration", "loads"]

@@ -23,8 +23,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.expressions import Component, Expression, Program, Value, sign
 from precision_pin.draws.space import Space
-from precision_pin.robot.loads import Factors
-from precision_pin.robot.places import Place
+from precision_pin.robot.places import Factors, Place
 
 MOST_FACTORS = 3
 """Most parameters in one term."""

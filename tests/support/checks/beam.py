@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from precision_pin.draws.laws import Uniform
 from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.robot.loads import Load
+from precision_pin.robot.places import Load
 from support.checks.common import Q7, evaluated, in_base, one_link, same
 from support.plain_robot import PlainRobot, chain_of, joint, link, random_arm, robot, unit
 

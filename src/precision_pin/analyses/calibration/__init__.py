@@ -199,8 +199,8 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
 
     from precision_pin.analyses.calibration.forecast import contact_poses, seen_poses
     from precision_pin.base.arguments import check_whole
+    from precision_pin.robot.pose_grids import random_poses
     from precision_pin.robot.pose_set import PoseSet
-    from precision_pin.robot.random_poses import random_poses
 
     options, sheet = asked.options, asked.sheet
     if _gives_poses(dict(options)):

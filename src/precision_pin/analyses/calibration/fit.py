@@ -41,7 +41,7 @@ from precision_pin.analyses.calibration.design import (
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Record
 from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.record import Keys, Record
+from precision_pin.base.arrays import Keys, Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import bounds_of
 from precision_pin.model.error_model import ErrorModel

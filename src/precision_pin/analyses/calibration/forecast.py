@@ -37,8 +37,8 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.pose_grids import random_poses
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.robot.random_poses import random_poses
 from precision_pin.sheet.measurement import KINDS, Measurement
 from precision_pin.statistics import quantile_ranks
 

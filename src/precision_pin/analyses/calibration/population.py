@@ -28,7 +28,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, UnitError, some, visible
 from precision_pin.base.files import UnreadableFileError, note_input, read_text_file, write_files
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys, Record
+from precision_pin.base.arrays import Keys, Record
 from precision_pin.draws.space import Space
 from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel

@@ -22,7 +22,7 @@ from precision_pin.base.arguments import check_instance, check_items, check_memo
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, shortened, shown, visible, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.record import Keys, Record
+from precision_pin.base.arrays import Keys, Record
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import check_seed
@@ -34,7 +34,7 @@ from precision_pin.render.text_table import aligned
 from precision_pin.sampling import Progress, check_progress, monte_carlo
 from precision_pin.sampling.blocks import first_order_skewness
 from precision_pin.sampling.result import MonteCarloResult
-from precision_pin.sheet.differences import SheetDifference, sheet_differences
+from precision_pin.sheet.reader import SheetDifference, sheet_differences
 from precision_pin.statistics import (
     COMPONENTS,
     NORMS,

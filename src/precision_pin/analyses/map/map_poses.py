@@ -35,8 +35,8 @@ from precision_pin.model.verdict_grounds import exact_findings, grounds_at, stra
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import LARGEST_FILE
 from precision_pin.render.tables import data_frame, described, milli, optional, percent
-from precision_pin.robot.approach import ApproachedPose
 from precision_pin.robot.chain import pose_findings
+from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses

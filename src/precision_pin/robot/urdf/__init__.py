@@ -4,6 +4,7 @@
 file; `canonical` writes the only form that Pinocchio reads.
 """
 
+from precision_pin.robot.urdf.checks import snapped as snapped
 from precision_pin.robot.urdf.meshes import locate_mesh as locate_mesh
 from precision_pin.robot.urdf.reader import check as check
 from precision_pin.robot.urdf.reader import parse as parse
@@ -21,10 +22,9 @@ from precision_pin.robot.urdf.robot import Shape as Shape
 from precision_pin.robot.urdf.robot import Sphere as Sphere
 from precision_pin.robot.urdf.robot import Vector as Vector
 from precision_pin.robot.urdf.robot import ask_for_tip as ask_for_tip
+from precision_pin.robot.urdf.robot import canonical as canonical
 from precision_pin.robot.urdf.robot import draft_command as draft_command
 from precision_pin.robot.urdf.robot import gripper_joint as gripper_joint
 from precision_pin.robot.urdf.robot import likeliest_tip as likeliest_tip
-from precision_pin.robot.urdf.transforms import canonical as canonical
-from precision_pin.robot.urdf.transforms import rerooted as rerooted
-from precision_pin.robot.urdf.transforms import rpy_of as rpy_of
-from precision_pin.robot.urdf.transforms import snapped as snapped
+from precision_pin.robot.urdf.robot import rerooted as rerooted
+from precision_pin.robot.urdf.robot import rpy_of as rpy_of

@@ -13,9 +13,8 @@ import numpy as np
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import shown
-from precision_pin.robot.urdf.grammar import LONGEST_REACH, PARTS
-from precision_pin.robot.urdf.robot import Inertial, Joint, Limits, Link, Robot, draft_command, likeliest_tip
-from precision_pin.robot.urdf.xmltree import Findings, hint
+from precision_pin.robot.urdf.robot import PARTS, Inertial, Joint, Limits, Link, Robot, draft_command, likeliest_tip
+from precision_pin.robot.urdf.xmltree import LONGEST_REACH, Findings, hint
 
 Named = TypeVar("Named", Link, Joint)
 
@@ -102,6 +101,16 @@ def find_exact_angle(angle: float) -> float | None:
     if decimals > MOST_DECIMALS or (turns % 2 and slip > 10.0**-decimals):
         return None
     return exact
+
+
+def snapped(robot: Robot) -> Robot:
+    """Return the robot with rounded right angles of joint origins made exact, without ``W_ANGLE_ROUNDED``."""
+    joints = []
+    for joint in robot.joints:
+        roll, pitch, yaw = (angle if (exact := find_exact_angle(angle)) is None else exact for angle in joint.rpy)
+        joints.append(replace(joint, rpy=(roll, pitch, yaw)))
+    findings = tuple(found for found in robot.findings if found.code != "W_ANGLE_ROUNDED")
+    return replace(robot, joints=tuple(joints), findings=findings)
 
 
 def check_joints(joints: Sequence[Joint], findings: Findings) -> None:

@@ -15,22 +15,24 @@ from precision_pin.base.errors import Finding, UrdfError, shown
 from precision_pin.robot.urdf import checks
 from precision_pin.robot.urdf import robot as tree
 from precision_pin.robot.urdf.editing import UrdfText
-from precision_pin.robot.urdf.grammar import (
+from precision_pin.robot.urdf.meshes import MeshFiles
+from precision_pin.robot.urdf.xmltree import (
     BEYOND_USE,
     BOUNDS,
     GRAMMAR,
     LONGEST_REACH,
-    PARTS,
     ZERO3,
     BadNumbers,
+    Findings,
+    Node,
     Owner,
     as_vector,
     is_misread,
     parse_numbers,
+    parse_xml,
     read_name,
+    read_regular_file,
 )
-from precision_pin.robot.urdf.meshes import MeshFiles
-from precision_pin.robot.urdf.xmltree import Findings, Node, parse_xml, read_regular_file
 
 Paths = Sequence[str | os.PathLike[str]]
 DEFAULT_LIMITS = tree.Limits()
@@ -229,13 +231,13 @@ def _inertia(node: Node, owner: Owner) -> tuple[float, ...] | None:
     element = owner.child(node, "inertia")
     if element is None:
         return None
-    missing = [part for part in PARTS if element.get(part) is None]
+    missing = [part for part in tree.PARTS if element.get(part) is None]
     if missing:
-        text = f": <inertia> has no {', '.join(missing)}; all of {', '.join(PARTS)} are needed"
+        text = f": <inertia> has no {', '.join(missing)}; all of {', '.join(tree.PARTS)} are needed"
         owner.say("E_INERTIAL", text, element.line)
         return None
     numbers = tuple(value[0] for value in owner.numbers(element).values() if value is not None)
-    if len(numbers) < len(PARTS):
+    if len(numbers) < len(tree.PARTS):
         return None
     if max(map(abs, numbers)) > BEYOND_USE * LONGEST_REACH**2:
         text = f": an inertia of {max(numbers, key=abs):g} kg·m² is implausibly large"
