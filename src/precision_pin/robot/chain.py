@@ -20,19 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base import se3
-from precision_pin.base.arguments import (
-    check_instance,
-    check_mapping,
-    check_name,
-    check_number,
-    check_numbers,
-    check_path,
-    check_quantities,
-    check_quantity,
-    check_text,
-    check_whole,
-)
+from precision_pin.base import arguments, se3
 from precision_pin.base.arrays import Array, Fixed, read_only, returns_read_only
 from precision_pin.base.errors import Finding, InputError, add, shown, warns_at_end
 from precision_pin.base.units import ACCELERATION, LENGTH, MASS
@@ -65,7 +53,6 @@ FARTHEST_TARGET: Final = 1000.0
 """Largest coordinate of a target in the tip's axes, m."""
 EARTH: Final = (0.0, 0.0, -9.81)
 """Default gravity, base axes, m/s²."""
-_NAMED: Final = 8
 _LOOKED: Final = 2000
 """About how many of many poses are checked for collisions."""
 _ABOUT_ONE: Final = re.compile(r"""(?:the )?(link|joint) (?:name )?('(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
@@ -155,15 +142,13 @@ class Chain(Fixed):
         """
         robot = _read(urdf)
         whole = cls.from_robot(robot, tip, base, EARTH, locked)
-        named = set(getattr(model, "names", ()))
-        lacking = {name: 0.0 for name in whole.joint_names if name not in named}
-        moving = [name for name in whole.joint_names if name in named]
+        moving = [name for name in whole.joint_names if name in set(getattr(model, "names", ()))]
+        lacking = {name: 0.0 for name in whole.joint_names if name not in moving}
         down, places = model_poses(model, moving, whole.base, whole.tip)
         held = lacking | dict(locked or {})
         chain = cls.from_robot(robot, tip, base, down.tolist() if gravity is None else gravity, held)
         for values, pose in places:
-            apart = float(np.abs(chain.at(values).pose - pose).max())
-            if apart > 1e-6:
+            if (apart := float(np.abs(chain.at(values).pose - pose).max())) > 1e-6:
                 held_at = f"; joints that the model lacks are locked at {held}, locked= changes that" if held else ""
                 raise InputError(
                     f"the Pinocchio model has {whole.tip!r} {apart:.3g} away (m, or entries of a rotation) from where the URDF "
@@ -181,20 +166,20 @@ class Chain(Fixed):
         locked: Mapping[str, float] | None = None,
     ) -> Chain:
         """Extract the chain from a robot; see :meth:`from_urdf`."""
-        check_instance("robot", robot, Robot, "as urdf.read returns it")
-        down = check_quantities("gravity", gravity, ACCELERATION, (3,), "three finite numbers, in base axes")
+        arguments.check_instance("robot", robot, Robot, "as urdf.read returns it")
+        down = arguments.check_quantities("gravity", gravity, ACCELERATION, (3,), "three finite numbers, in base axes")
         if locked is not None:
             locked = {
-                name: check_number(f"the value at which {name!r} is locked", value)
-                for name, value in check_mapping("locked joints", locked).items()
+                name: arguments.check_number(f"the value at which {name!r} is locked", value)
+                for name, value in arguments.check_mapping("locked joints", locked).items()
             }
         if base is not None:
-            robot.link(check_text("the name of the base link", base))
+            robot.link(arguments.check_text("the name of the base link", base))
         if tip is None:
             if len(robot.leaves) != 1:
                 raise InputError(ask_for_tip(robot))
             tip = robot.leaves[0]
-        robot.link(check_text("the name of the tip link", tip))
+        robot.link(arguments.check_text("the name of the tip link", tip))
         rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
         way = rooted.path(rooted.root, tip)
         joints = tuple(joint for joint in way if joint.kind != "fixed" and joint.name not in (locked or {}))
@@ -202,8 +187,9 @@ class Chain(Fixed):
             raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
         for joint in joints:
             if joint.mimic is not None:
-                mimics = f"{joint.name!r} on the chain mimics {joint.mimic.joint!r}"
-                raise InputError(f"the joint {mimics}; lock it at a value")
+                raise InputError(
+                    f"the joint {joint.name!r} on the chain mimics {joint.mimic.joint!r}; lock it at a value"
+                )
         locked_at = locked_values(rooted, joints, locked or {})
         frames, placements = link_frames(rooted, tip, joints, locked_at)
         return cls(
@@ -291,15 +277,17 @@ class Chain(Fixed):
         """
         where = self.link_frame(self.tip if at is None else at)
         needs = "three finite numbers, in m or with a unit"
-        lever = check_quantities("the centre of a payload", centre, LENGTH, (3,), needs)
-        mass = check_quantity("the mass of a payload", mass, MASS, "zero or more and finite", lambda kg: kg >= 0)
+        lever = arguments.check_quantities("the centre of a payload", centre, LENGTH, (3,), needs)
+        mass = arguments.check_quantity(
+            "the mass of a payload", mass, MASS, "zero or more and finite", lambda kg: kg >= 0
+        )
         moments = ((mass * np.array([1.0, *lever]), ()),)
         load = Load(where.link, where.frame, where.entry(lever), along=False, moments=moments)
         model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)
         return replace(self, loads=(*self.loads, load), pinocchio=model)
 
     def __repr__(self) -> str:
-        joints = ", ".join(map(repr, self.joint_names[:_NAMED])) + (", …" if len(self.joints) > _NAMED else "")
+        joints = ", ".join(map(repr, self.joint_names[:8])) + (", …" if len(self.joints) > 8 else "")
         file = os.path.basename(self.robot.file)
         return f"<Chain of {file!r}, {self.base!r} to {self.tip_label!r}: joints {joints}>"
 
@@ -324,9 +312,8 @@ class Chain(Fixed):
     @property
     def tip_label(self) -> str:
         """Name of the tip, with the target if there is one."""
-        if not self.target.any():
-            return self.tip
-        return f"{self.tip} + {' '.join(f'{value:.6g}' for value in self.target * 1e3)} mm"
+        shift = f" + {' '.join(f'{value:.6g}' for value in self.target * 1e3)} mm"
+        return self.tip + (shift if self.target.any() else "")
 
     @cached_property
     @returns_read_only
@@ -368,7 +355,7 @@ class Chain(Fixed):
         Raises:
             InputError: Not three finite numbers, or farther than 1000 m from the tip.
         """
-        target = check_numbers("the target", point, (3,), "three finite numbers, m in the tip's axes")
+        target = arguments.check_numbers("the target", point, (3,), "three finite numbers, m in the tip's axes")
         if not np.abs(target).max() <= FARTHEST_TARGET:
             raise InputError(f"the target must lie within {FARTHEST_TARGET:,.0f} m of the tip along every axis")
         return replace(self, target=target)
@@ -381,11 +368,11 @@ class Chain(Fixed):
 
     def joint_index(self, name: str) -> int:
         """Return a joint's position, 0-based; raise `UnknownNameError` if the chain has no such joint."""
-        return self.joint_names.index(check_name("joint on the chain", name, self.joint_names))
+        return self.joint_names.index(arguments.check_name("joint on the chain", name, self.joint_names))
 
     def link_frame(self, name: str) -> LinkFrame:
         """Return the position of a URDF link on the chain; raise `UnknownNameError` if the robot has no such link."""
-        return self.link_frames[check_name("link", name, self.link_frames)]
+        return self.link_frames[arguments.check_name("link", name, self.link_frames)]
 
     def end(self, link: int) -> Place:
         """Return the place at the far end of chain link 0…n: joint i+1's origin frame before its motion, or the tip."""
@@ -414,10 +401,10 @@ class Chain(Fixed):
 
     def joint_number(self, joint: int) -> int:
         """Return a joint's position, 0-based, after a check that it exists."""
-        return check_whole("the number of a joint on the chain", joint, 0, len(self.joints) - 1)
+        return arguments.check_whole("the number of a joint on the chain", joint, 0, len(self.joints) - 1)
 
     def _link(self, link: int) -> int:
-        return check_whole("the number of a link of the chain", link, 0, len(self.joints))
+        return arguments.check_whole("the number of a link of the chain", link, 0, len(self.joints))
 
     @cached_property
     def _places(self) -> tuple[tuple[Place, Place], ...]:
@@ -429,14 +416,27 @@ class Chain(Fixed):
         return tuple(read_only(alignment(axis)) for axis in self.written_axes)
 
     @cached_property
-    def _alignments(self) -> tuple[Array, ...]:
-        return tuple(alignment(axis) for axis in self.axes)
-
-    @cached_property
     def _constants(self) -> ChainConstants:
         # only the tip, here the target, depends on the last link's placement
         placements = np.concatenate([self.placements[:-1], self.target_placement[None]])
-        return ChainConstants.of(placements, self.axes, self.prismatic, self._alignments, self.gravity, self.loads)
+        aligned = np.array([*(alignment(axis) for axis in self.axes), np.eye(3)])
+        before = np.concatenate([np.eye(3)[None], aligned[:-1]]).swapaxes(1, 2)
+        carried = np.zeros((len(placements), 4))
+        for load in self.loads:
+            for moments, _ in load.moments:  # without factors
+                turned = load.frame[:3, :3] @ moments[1:] + moments[0] * load.frame[:3, 3]
+                carried[load.link] += [moments[0], *turned]
+        return ChainConstants(
+            axes=self.axes,
+            slides=np.array(self.prismatic),
+            slanted=(aligned[:-1] != np.eye(3)).any(axis=(1, 2)),
+            aligned=aligned,
+            turns=before @ placements[:, :3, :3] @ aligned,
+            arms=(before @ placements[:, :3, 3, None])[:, :, 0].copy(),
+            masses=carried[1:, 0].copy(),
+            moments=(before[1:] @ carried[1:, 1:, None])[:, :, 0].copy(),
+            gravity=np.array(self.gravity),
+        )
 
 
 @final
@@ -546,6 +546,7 @@ class Posture:
         """Warnings: joint values outside their limits, and locked mimic joints that should follow."""
         found = []
         values = dict(zip(self.chain.joint_names, self.q, strict=True)) | dict(self.chain.locked)
+        file = self.chain.robot.file
         for joint in self.chain.robot.joints:
             mimic = joint.mimic
             if mimic is None or mimic.joint not in self.chain.joint_names:
@@ -556,15 +557,14 @@ class Posture:
                     f"joint {joint.name} mimics {mimic.joint}, so it would be at {due:.6g} here, but it is locked at "
                     f"{values[joint.name]:.6g}, with the weight beyond it; lock it at another value if that matters"
                 )
-                found.append(Finding("warning", "W_MIMIC", message, self.chain.robot.file, joint.line))
-        outside = self.chain.configurations.outside(self.q[:, None])[:, 0]
-        for joint, value, is_outside in zip(self.chain.joints, self.q, outside, strict=True):
-            limit = joint.limit
-            if limit is not None and is_outside:
-                scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
-                actual, low, high = (f"{scale * x:.6g}" for x in (value, limit.lower, limit.upper))
-                message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"
-                found.append(Finding("warning", "W_JOINT_LIMIT", message, self.chain.robot.file, joint.line))
+                found.append(Finding("warning", "W_MIMIC", message, file, joint.line))
+        for k in np.flatnonzero(self.chain.configurations.outside(self.q[:, None])):
+            joint = self.chain.joints[k]
+            assert joint.limit is not None
+            scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
+            actual, low, high = (f"{scale * x:.6g}" for x in (self.q[k], joint.limit.lower, joint.limit.upper))
+            message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"
+            found.append(Finding("warning", "W_JOINT_LIMIT", message, file, joint.line))
         return (*found, *_collision_findings(self.chain, self.q[:, None], ()))
 
     def __repr__(self) -> str:
@@ -618,12 +618,11 @@ class Posture:
 
 def _read(source: object) -> Robot:
     """Return a robot from a path, a name in another package, the text of a URDF, or a yourdfpy.URDF."""
-    write = getattr(source, "write_xml_string", None)
-    if write is not None:
+    if (write := getattr(source, "write_xml_string", None)) is not None:
         return parse(write(), "yourdfpy.URDF")
     if isinstance(source, str | bytes) and source.lstrip()[:1] in ("<", b"<"):
         return parse(source.encode() if isinstance(source, str) else source, "the URDF's text")
-    path = check_path("the path of the URDF", source)
+    path = arguments.check_path("the path of the URDF", source)
     return read(resolve_robot(path) if path.startswith(ELSEWHERE) else path)
 
 
@@ -665,10 +664,16 @@ def chain_findings(chain: Chain) -> tuple[Finding, ...]:
     """Return the warnings about a chain's URDF, those about links and joints off the chain in one line."""
     # the warning about several leaves is dropped, since the chain's tip is known
     findings = [finding for finding in chain.robot.findings if finding.code != "W_BRANCHED"]
-    on_path, loads = _names_on_path(chain), _names_of_loads(chain)
+    way = chain.robot.path(chain.base, chain.tip)
+    on_path = _named([chain.base, *(joint.child for joint in way)], way)
+    # what a joint of the chain moves
+    moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
+    loads = _named(moved, [joint for joint in chain.robot.joints if joint.child in moved])
 
     def concerns_chain(finding: Finding) -> bool:
-        subjects = _subjects(finding)
+        # a warning that is about anything else too concerns the chain
+        named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
+        subjects = {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()
         return not subjects or bool(subjects & (on_path | loads if finding.code in _OF_A_LOAD else on_path))
 
     off = [finding for finding in findings if not concerns_chain(finding)]
@@ -677,39 +682,31 @@ def chain_findings(chain: Chain) -> tuple[Finding, ...]:
     file = chain.robot.file
     counts = Counter(finding.code for finding in off)
     codes = ", ".join(code if count == 1 else f"{count} {code}" for code, count in sorted(counts.items()))
-    message = (
-        f"{len(off)} warnings about links and joints off the chain ({codes}); "
-        f"precision-pin check {shlex.quote(file)} lists them"
-    )
-    kept = filter(concerns_chain, findings)
-    return (*kept, Finding("warning", "W_OFF_CHAIN", message, file))
-
-
-def _names_on_path(chain: Chain) -> set[str]:
-    """Return the links and joints from base to tip, as named in findings."""
-    way = chain.robot.path(chain.base, chain.tip)
-    return _named([chain.base, *(joint.child for joint in way)], way)
-
-
-def _names_of_loads(chain: Chain) -> set[str]:
-    """Return the links that a joint of the chain moves, and the joints leading to them, as named in findings."""
-    moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
-    return _named(moved, [joint for joint in chain.robot.joints if joint.child in moved])
+    summed = f"{len(off)} warnings about links and joints off the chain ({codes})"
+    message = f"{summed}; precision-pin check {shlex.quote(file)} lists them"
+    return (*filter(concerns_chain, findings), Finding("warning", "W_OFF_CHAIN", message, file))
 
 
 def _named(links: Iterable[str], joints: Iterable[Joint]) -> set[str]:
     return {f"link {shown(name)}" for name in links} | {f"joint {shown(joint.name)}" for joint in joints}
 
 
-def _subjects(finding: Finding) -> set[str]:
-    """Return the links and joints that a warning is about; empty if it is about anything else too."""
-    named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
-    return {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()
-
-
 def pose_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
     """Return warnings if poses ``(n, P)`` are outside the joints' limits, or if the arm hits something there."""
-    return (*_limit_findings(chain, values, names), *_collision_findings(chain, values, names))
+    found = _collision_findings(chain, values, names)
+    outside = chain.configurations.outside(values)
+    poses = np.flatnonzero(outside.any(axis=0))
+    if not poses.size:
+        return found
+    first = int(poses[0])
+    name = (names[first] if names else "") or f"pose {first + 1}"
+    k = int(np.flatnonzero(outside[:, first])[0])
+    joint = chain.joints[k]
+    message = (
+        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
+        f"{joint.name} at {values[k, first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
+    )
+    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line), *found)
 
 
 def _collision_findings(chain: Chain, values: Array, names: Sequence[str]) -> tuple[Finding, ...]:
@@ -727,19 +724,3 @@ def _collision_findings(chain: Chain, values: Array, names: Sequence[str]) -> tu
     of = f"{values.shape[1]:,} poses" if looked.size == values.shape[1] else f"{looked.size:,} poses looked at"
     where = "here" if values.shape[1] == 1 else f"at {hit.size:,} of {of}, the first of them {name},"
     return (Finding("warning", "W_COLLISION", f"{where} {reason}", chain.robot.file),)
-
-
-def _limit_findings(chain: Chain, values: Array, names: Sequence[str]) -> tuple[Finding, ...]:
-    """Return a warning if poses are outside the joints' limits: their number, and the name of the first."""
-    outside = chain.configurations.outside(values)
-    poses = np.flatnonzero(outside.any(axis=0))
-    if not poses.size:
-        return ()
-    first = int(poses[0])
-    name = (names[first] if names else "") or f"pose {first + 1}"
-    joint = chain.joints[int(np.flatnonzero(outside[:, first])[0])]
-    message = (
-        f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
-        f"{joint.name} at {values[chain.joint_index(joint.name), first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
-    )
-    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line),)

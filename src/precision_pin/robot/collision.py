@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol, final
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, final
 
 import coal
 import numpy as np
@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
-from precision_pin.robot.configurations import Configurations
-from precision_pin.robot.mesh_surfaces import MeshReader, UnreadableMeshError
+from precision_pin.robot.mesh_surfaces import MeshReader, UnreadableMeshError, merged
 from precision_pin.robot.places import LinkFrame
-from precision_pin.robot.postures import Postures, alignment
-from precision_pin.robot.urdf import Box, Cylinder, Mesh, Robot, Shape, Sphere
+from precision_pin.robot.postures import alignment
+from precision_pin.robot.urdf import Box, Cylinder, Mesh, Shape, Sphere
 
 if TYPE_CHECKING:
+    from precision_pin.robot.chain import Chain
     from precision_pin.robot.collision_loops import Tree
 
 Obstruction = Literal["", "collision", "kept out"]
@@ -75,45 +75,6 @@ class Obstacles:
     package_dirs: tuple[Path, ...] = ()
 
 
-class Arm(Protocol):
-    """The part of a chain that is needed here."""
-
-    @property
-    def robot(self) -> Robot:
-        """The mechanism."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """The n joints from base to tip."""
-
-    @property
-    def configurations(self) -> Configurations:
-        """Reader of joint values."""
-
-    @property
-    def link_frames(self) -> Mapping[str, LinkFrame]:
-        """Position of every URDF link on the chain."""
-
-    @property
-    def placements(self) -> Array:
-        """``(n+1, 4, 4)`` constant poses."""
-
-    @property
-    def target_placement(self) -> Array:
-        """From the last joint's frame to the target, ``(4, 4)``."""
-
-    @property
-    def target(self) -> Array:
-        """In tool axes, ``(3,)``."""
-
-    @property
-    def gravity(self) -> Array:
-        """In base axes, ``(3,)``."""
-
-    def at_columns(self, values: Array) -> Postures:
-        """Return the chain at values ``(n, P)``."""
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class _Body:
@@ -125,7 +86,6 @@ class _Body:
     out of planes and boxes.
     """
 
-    name: str
     owner: str
     link: int
     placement: Array
@@ -190,14 +150,11 @@ class CollisionCheck:
         notes: What is looked at, assumed and left out, a line each.
     """
 
-    def __init__(self, arm: Arm, obstacles: Obstacles) -> None:
+    def __init__(self, arm: Chain, obstacles: Obstacles) -> None:
         self._arm = arm
         self.notes: list[str] = []
-        self._length = float(np.linalg.norm(arm.placements[1:, :3, 3], axis=1).sum()) or 1.0
         bodies = self._read_bodies(obstacles.package_dirs)
-        low, high = arm.configurations.limits
-        zero = np.clip(0.0, low, high)[:, None]
-        at_zero = self._frames(zero)
+        at_zero = self._frames(np.clip(0.0, *arm.configurations.limits)[:, None])
         self._checks: list[_Check] = []
         if obstacles.keep_out is None:
             self._add_plate(bodies, at_zero)
@@ -215,11 +172,10 @@ class CollisionCheck:
 
     def reasons(self, q: Array) -> list[str]:
         """Return what hits what, and how deep, at each of P postures ``(n, P)``; empty where nothing does."""
-        found = self._first(q)
-        return [
-            "" if check is None else self._words(check, np.ascontiguousarray(q[:, [k]]))
-            for k, check in enumerate(found)
-        ]
+        words = (
+            check and self._words(check, np.ascontiguousarray(q[:, [k]])) for k, check in enumerate(self._first(q))
+        )
+        return [one or "" for one in words]
 
     def _first(self, q: Array) -> list[_Check | None]:
         found: list[_Check | None] = []
@@ -235,7 +191,7 @@ class CollisionCheck:
         return found or [None] * q.shape[1]
 
     def _hits(
-        self, check: _Check, frames: Array, placed: dict[_Body, Array], left: NDArray[np.intp]
+        self, check: _Check, frames: Array, placed: dict[_Body, Array], left: NDArray[np.intp] | slice
     ) -> NDArray[np.bool_]:
         here = self._placed(check.body, frames, placed)[left]
         if isinstance(check.other, KeepOut):
@@ -245,17 +201,16 @@ class CollisionCheck:
             near = hit.nonzero()[0]
             hit[near] = self._depth(check.body, check.other, here[near]) > _DEEP
             return np.asarray(hit)
-        there = self._placed(check.other, frames, placed)[left]
         body, other = check.body, check.other
+        there = self._placed(other, frames, placed)[left]
         gap = (here[:, :3, :3] @ body.centre + here[:, :3, 3]) - (there[:, :3, :3] @ other.centre + there[:, :3, 3])
         hit = np.asarray((gap * gap).sum(axis=1) < (body.radius + other.radius) ** 2)
         near = hit.nonzero()[0]
-        if near.size:
-            met = _boxes_meet(body, other, here[near], there[near])
-            hit[near] = met
+        for compare in (_boxes_meet, _touch):
+            if not near.size:
+                break
+            hit[near] = met = compare(body, other, here[near], there[near])
             near = near[met]
-        if near.size:
-            hit[near] = _touch(body, other, here[near], there[near])
         return hit
 
     def _placed(self, body: _Body, frames: Array, placed: dict[_Body, Array]) -> Array:
@@ -277,9 +232,10 @@ class CollisionCheck:
             return f"{owner} is {1e3 * depth:.3g} mm beyond {check.what}"
         here = frames[check.body.link] @ check.body.placement
         there = frames[check.other.link] @ check.other.placement
-        hulls = [_hull_shape(one) for one in (check.body, check.other)]
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
-        depth = -coal.distance(hulls[0], _transform(here[0]), hulls[1], _transform(there[0]), request, result)
+        placed = [
+            shape for one, at in ((check.body, here), (check.other, there)) for shape in (_hull(one), _transform(at[0]))
+        ]
+        depth = -coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult())
         return f"{check.body.owner} hits {check.what}, {1e3 * depth:.3g} mm deep between their convex hulls"
 
     def _frames(self, q: Array) -> Array:
@@ -294,22 +250,20 @@ class CollisionCheck:
         bodies, unread = [], []
         for link in arm.robot.links:
             where = arm.link_frames[link.name]
-            for number, shape in enumerate(link.collisions):
+            for shape in link.collisions:
                 try:
-                    body = _body(f"{link.name} {number}", link.name, where, shape, reader)
+                    bodies.append(_body(link.name, where, shape, reader))
                 except UnreadableMeshError as problem:
                     unread.append(str(problem))
-                    continue
-                bodies.append(body)
         if unread:
             more = f"; and {len(unread) - 1} more" if len(unread) > 1 else ""
             self.notes.append(f"collision shapes that are left out: {unread[0]}{more}")
-        bare = sorted(set(range(1, len(arm.joint_names) + 1)) - {body.link for body in bodies})
         names = arm.joint_names
+        bare = sorted(set(range(1, len(names) + 1)) - {body.link for body in bodies})
+        ends = [*zip(names[1:], arm.placements[1:], strict=False), ("the target", arm.target_placement)]
         for k in bare:
-            end = arm.target_placement if k == len(names) else arm.placements[k]
-            name = f"the line from {names[k - 1]} to {'the target' if k == len(names) else names[k]}"
-            bodies.append(_line(name, k, np.zeros(3), end[:3, 3]))
+            name, end = ends[k - 1]
+            bodies.append(_line(f"the line from {names[k - 1]} to {name}", k, np.zeros(3), end[:3, 3]))
         if len(names) not in bare and arm.target.any():
             point = arm.target_placement[:3, 3]
             bodies.append(_line("the target", len(names), point, point))
@@ -324,7 +278,7 @@ class CollisionCheck:
         other: _Body | KeepOut = obstacle
         if obstacle.size is not None:
             shape = Shape(Box(obstacle.size), obstacle.place)  # type: ignore[arg-type]
-            other = _body(what, what, LinkFrame(0, np.eye(4), 0, np.zeros(3)), shape, None)
+            other = _body(what, LinkFrame(0, np.eye(4), 0, np.zeros(3)), shape, None)
         self._checks += [_Check(body, other, "kept out", what) for body in bodies if body.link]
 
     def _add_plate(self, bodies: Sequence[_Body], at_zero: Array) -> None:
@@ -339,11 +293,12 @@ class CollisionCheck:
         moving = [body for body in bodies if body.link]
         depths = [float(self._depth(body, plate, at_zero[body.link] @ body.placement)[0]) for body in moving]
         words = f"the plane z = {1e3 * height + 0.0:.4g} mm in base axes, under all that stands still"
-        if max(depths) > _SHARE * self._length:
+        length = float(np.linalg.norm(self._arm.placements[1:, :3, 3], axis=1).sum()) or 1.0
+        if max(depths) > _SHARE * length:
             self.notes.append(f"the base is not taken to stand on a plate: at joint zero the arm is below {words}")
             return
-        resting = {body.name for body, depth in zip(moving, depths, strict=True) if body.link == 1 and depth > _DEEP}
-        self._add(plate, "the base plate", [body for body in moving if body.name not in resting])
+        resting = [body for body, depth in zip(moving, depths, strict=True) if body.link == 1 and depth > _DEEP]
+        self._add(plate, "the base plate", [body for body in moving if body not in resting])
         self.notes.append(f"the arm is kept above {words}; keep_out: says otherwise")
 
     def _add_pairs(self, bodies: Sequence[_Body], at_zero: Array) -> None:
@@ -355,14 +310,15 @@ class CollisionCheck:
         shaped = {body.owner for body in bodies}
         above = {joint.child: joint.parent for joint in self._arm.robot.joints}
         left_out: Counter[tuple[str, str]] = Counter()
-        every = np.arange(_TRIED)
         for one, other in combinations(bodies, 2):
             if one.link == other.link or _next_to(one.owner, other.owner, above, shaped):
                 continue
             further, nearer = (one, other) if one.link > other.link else (other, one)
             check = _Check(further, nearer, "collision", nearer.owner)
-            if self._hits(check, at_zero, {}, np.arange(1)).any() or (
-                self._hits(check, tried[:, :1], {}, np.arange(1)).any() and self._hits(check, tried, {}, every).all()
+            # most pairs are apart at the first pose tried
+            touch_first = self._hits(check, tried[:, :1], {}, slice(None)).all()
+            if self._hits(check, at_zero, {}, slice(None)).all() or (
+                touch_first and self._hits(check, tried, {}, slice(None)).all()
             ):
                 left_out[further.owner, nearer.owner] += 1
             else:
@@ -383,23 +339,22 @@ def _next_to(one: str, other: str, above: Mapping[str, str], shaped: set[str]) -
     return False
 
 
-def _body(name: str, owner: str, where: LinkFrame, shape: Shape, reader: MeshReader | None) -> _Body:
+def _body(owner: str, where: LinkFrame, shape: Shape, reader: MeshReader | None) -> _Body:
     placement = where.frame @ shape.origin
     match shape.geometry:
         case Box(size):
             corners = np.array(np.meshgrid(*[(-edge / 2, edge / 2) for edge in size])).reshape(3, -1).T
-            return _Body(name, owner, where.link, placement, coal.Box(*size), corners)
+            return _Body(owner, where.link, placement, coal.Box(*size), corners)
         case Cylinder(radius, length):
             ends = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
-            return _Body(name, owner, where.link, placement, coal.Cylinder(radius, length), ends, disc=radius)
+            return _Body(owner, where.link, placement, coal.Cylinder(radius, length), ends, disc=radius)
         case Sphere(radius):
-            return _Body(name, owner, where.link, placement, coal.Sphere(radius), np.zeros((1, 3)), ball=radius)
+            return _Body(owner, where.link, placement, coal.Sphere(radius), np.zeros((1, 3)), ball=radius)
         case Mesh() as mesh:
             assert reader is not None
             surfaces = reader.surfaces(mesh, f"link {owner!r}")
-    vertices = np.concatenate([surface.vertices for surface in surfaces])
-    starts = np.cumsum([0, *(len(surface.vertices) for surface in surfaces)])
-    faces = np.concatenate([surface.faces + start for surface, start in zip(surfaces, starts[:-1], strict=True)])
+    whole = merged([(surface.vertices, surface.faces) for surface in surfaces])
+    vertices, faces = whole.vertices, whole.faces
     solid = coal.BVHModelOBBRSS()
     solid.beginModel(len(faces), len(vertices))
     solid.addVertices(vertices)
@@ -409,10 +364,10 @@ def _body(name: str, owner: str, where: LinkFrame, shape: Shape, reader: MeshRea
 
     try:
         hull = ConvexHull(vertices)
+        points, planes = vertices[hull.vertices], hull.equations
     except QhullError:  # flat
-        return _Body(name, owner, where.link, placement, solid, vertices, triangles=vertices[faces])
-    points = vertices[hull.vertices]
-    return _Body(name, owner, where.link, placement, solid, points, triangles=vertices[faces], planes=hull.equations)
+        points, planes = vertices, None
+    return _Body(owner, where.link, placement, solid, points, triangles=vertices[faces], planes=planes)
 
 
 def _line(name: str, link: int, begin: Array, end: Array) -> _Body:
@@ -421,7 +376,7 @@ def _line(name: str, link: int, begin: Array, end: Array) -> _Body:
     turn = alignment(way / length) if length else np.eye(3)
     ends = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
     solid = coal.Capsule(_DEEP, length)
-    return _Body(name, name, link, se3.pose(turn, (begin + end) / 2), solid, ends, is_line=True)
+    return _Body(name, link, se3.pose(turn, (begin + end) / 2), solid, ends, is_line=True)
 
 
 def _boxes_meet(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
@@ -484,7 +439,7 @@ def _within(inner: _Body, outer: _Body, here: Array, there: Array) -> NDArray[np
     return inside
 
 
-def _hull_shape(body: _Body) -> Any:
+def _hull(body: _Body) -> Any:
     if body.triangles is None:
         return body.solid
     body.solid.buildConvexHull(True, "Qt")

@@ -5,20 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arguments import (
-    check_mapping,
-    check_name,
-    check_numbers,
-    check_quantities,
-    check_quantity,
-    shown,
-)
+from precision_pin.base import arguments
 from precision_pin.base.arrays import Array, fix_copy, returns_read_only
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.base.units import ANGLE, LENGTH, Quantity
@@ -47,13 +40,16 @@ class Configurations:
         if isinstance(q, Mapping):
             self._check_names(q)
             q = [
-                check_quantity(f"the joint value of {joint.name}", q[joint.name], joint_quantity(joint))
+                arguments.check_quantity(f"the joint value of {joint.name}", q[joint.name], joint_quantity(joint))
                 for joint in self.joints
             ]
-        values = check_numbers("joint values", q, needs="a number for each joint, rad or m, in chain order or by name")
+        values = arguments.check_numbers(
+            "joint values", q, needs="a number for each joint, rad or m, in chain order or by name"
+        )
         if values.shape != (len(self.names),):
-            message = f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
-            raise InputError(message)
+            raise InputError(
+                f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
+            )
         self._check_travel(values[:, None])
         return values
 
@@ -64,13 +60,15 @@ class Configurations:
         if isinstance(q, Mapping):
             self._check_names(q)
             rows = [
-                np.atleast_1d(check_quantities(f"joint values of {joint.name}", q[joint.name], joint_quantity(joint)))
+                np.atleast_1d(
+                    arguments.check_quantities(f"joint values of {joint.name}", q[joint.name], joint_quantity(joint))
+                )
                 for joint in self.joints
             ]
             if len({row.shape for row in rows if row.size != 1}) > 1 or any(row.ndim != 1 for row in rows):
                 raise InputError("the joints have different numbers of values; each needs one, or one for each pose")
             q = np.array(np.broadcast_arrays(*rows))
-        values = check_numbers("joint values", q, needs="a row for each joint, or poses in a list")
+        values = arguments.check_numbers("joint values", q, needs="a row for each joint, or poses in a list")
         if values.ndim != 2 or len(values) != len(self.names):
             turned = "; poses are columns, so transpose it" if values.shape[1:] == (len(self.names),) else ""
             raise InputError(
@@ -121,7 +119,7 @@ class Configurations:
         if poses and all(map(_is_row, poses)):
             # all at once; the loop below finds a wrong one
             with suppress(InputError):
-                return fix_copy(check_numbers("joint values", poses, (None, len(self.names))).T)
+                return fix_copy(arguments.check_numbers("joint values", poses, (None, len(self.names))).T)
         columns = []
         for number, pose in enumerate(poses):
             try:
@@ -135,17 +133,13 @@ class Configurations:
 
     def _check_travel(self, values: Array) -> None:
         """Raise if values ``(n, P)`` of prismatic joints exceed `LONGEST`."""
-        prismatic = np.array([joint.kind == "prismatic" for joint in self.joints], dtype=bool)
-        too_far = (np.abs(values) > LONGEST) & prismatic[:, None]
-        if too_far.any():
-            joint, pose = np.argwhere(too_far)[0]
-            raise InputError(
-                f"joint value {values[joint, pose]:g} m of {self.names[joint]}; it slides {LONGEST:,.0f} m at most"
-            )
+        for name, joint, row in zip(self.names, self.joints, values, strict=True):
+            if joint.kind == "prismatic" and (far := row[np.abs(row) > LONGEST]).size:
+                raise InputError(f"joint value {far[0]:g} m of {name}; it slides {LONGEST:,.0f} m at most")
 
     def _check_names(self, q: Mapping[str, object]) -> None:
-        for name in check_mapping("joint values", q):
-            check_name("joint on the chain", name, self.names)
+        for name in arguments.check_mapping("joint values", q):
+            arguments.check_name("joint on the chain", name, self.names)
         missing = [name for name in self.names if name not in q]
         if missing:
             raise InputError(f"no value for the joints {', '.join(missing)}")
@@ -170,7 +164,6 @@ PREVIOUS: Final = "previous"
 """Approach from the previous pose in a list."""
 
 _SIGNS: Final[Mapping[object, int]] = {"+": 1, "-": -1, "0": 0, "+1": 1, "1": 1, "-1": -1, 1: 1, -1: -1, 0: 0}
-_NAMES: Final = {1: "+", -1: "-", 0: "0"}
 _STILL: Final = 1e-12
 """Largest change of a joint value (rad, m) between two poses that counts as none."""
 
@@ -206,10 +199,13 @@ def read_approach(joints: Sequence[str], approach: object) -> Approach:
                 raise UnknownNameError("joint on the chain", str(name), joints)
         return tuple(_sign(name, approach.get(name, 0)) for name in joints)
     if not isinstance(approach, Sequence | np.ndarray):
-        raise InputError(f"an approach is + or - by joint, such as 'joint1 +, joint2 -', got {shown(approach)}")
+        raise InputError(
+            f"an approach is + or - by joint, such as 'joint1 +, joint2 -', got {arguments.shown(approach)}"
+        )
     if len(approach) not in (0, len(joints)):
-        given = f"{len(approach)} directions of approach for {len(joints)} joints"
-        raise InputError(f"{given}; expected {', '.join(joints)}")
+        raise InputError(
+            f"{len(approach)} directions of approach for {len(joints)} joints; expected {', '.join(joints)}"
+        )
     return tuple(map(_sign, joints, approach)) if len(approach) else ()
 
 
@@ -221,12 +217,11 @@ def read_approaches(poses: object, q: Array, approach: Callable[[Any], Approach]
     whole = isinstance(poses, ApproachedPose)
     listed = poses if isinstance(poses, list | tuple) else [poses]
     found = np.zeros(q.shape, dtype=np.int8)
-    along: NDArray[np.int8] | None = None
+    along = cache(lambda: approaches_along(q))
     for k, one in enumerate(listed):
         columns = slice(None) if whole else slice(k, k + 1)
         if isinstance(one, ApproachedPose) and one.is_from_previous:
-            along = approaches_along(q) if along is None else along
-            found[:, columns] = along[:, columns]
+            found[:, columns] = along()[:, columns]
         elif isinstance(one, str | ApproachedPose) and (own := approach(one)):
             found[:, columns] = np.array(own, dtype=np.int8)[:, None]
     return found if found.any() else None
@@ -248,7 +243,11 @@ def approach_entry(written: Mapping[str, str]) -> dict[str, dict[str, str]]:
 
 def written_approach(joints: Sequence[str], approach: Approach) -> dict[str, str]:
     """Return ``+`` or ``-`` by joint name, where known."""
-    return {name: _NAMES[sign] for name, sign in zip(joints, approach, strict=True) if sign} if approach else {}
+    return {
+        name: "+" if sign > 0 else "-"
+        for name, sign in zip(joints, approach or (0,) * len(joints), strict=True)
+        if sign
+    }
 
 
 def _by_joint(text: str) -> dict[str, str]:
@@ -256,8 +255,9 @@ def _by_joint(text: str) -> dict[str, str]:
     for entry in text.split(","):
         name, _, sign = entry.strip().rpartition(" ")
         if not name:
-            write = "write a joint and + or -, such as 'joint1 +, joint2 -'"
-            raise InputError(f"{entry.strip()!r} is no approach; {write}")
+            raise InputError(
+                f"{entry.strip()!r} is no approach; write a joint and + or -, such as 'joint1 +, joint2 -'"
+            )
         name = name.strip()
         if name in found:
             raise InputError(f"the approach of the joint {name!r} is given twice")
@@ -268,5 +268,5 @@ def _by_joint(text: str) -> dict[str, str]:
 def _sign(joint: str, value: object) -> int:
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, bool) or not isinstance(value, str | int | float) or value not in _SIGNS:
-        raise InputError(f"the approach of {joint} must be +, - or 0, got {shown(value)}")
+        raise InputError(f"the approach of {joint} must be +, - or 0, got {arguments.shown(value)}")
     return _SIGNS[value]

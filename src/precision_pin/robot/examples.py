@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import chdir, redirect_stdout, suppress
+from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import Final
@@ -28,8 +29,6 @@ ROBOTS: Final = Path(__file__).parents[1] / "robots"
 SUFFIX: Final = ".errors.yaml"
 ROBOT_SUFFIXES: Final = (".urdf", ".xml")
 XACRO_SUFFIX: Final = ".xacro"
-_ARGUMENT: Final = re.compile(r"(\w+):=(.*)", re.DOTALL)
-MOST_FILES: Final = 1000
 _EXAMPLES: Final = f"{os.sep}example-robot-data{os.sep}"
 PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
 """The sheet of the paper's arm."""
@@ -42,13 +41,10 @@ def example_urdfs() -> dict[str, Path]:
         distribution = importlib.metadata.distribution("example-robot-data")
     except importlib.metadata.PackageNotFoundError:
         return {}
-    names: dict[str, Path] = {}
-    for file in sorted(distribution.files or (), key=lambda entry: (entry.stem.endswith("_robot"), str(entry))):
-        if file.suffix == ".urdf" and "robots" in file.parts:
-            path = Path(str(distribution.locate_file(file)))
-            if path.is_file() and path.stat().st_size:
-                names[file.stem.removesuffix("_robot")] = path
-    return names
+    files = [file for file in distribution.files or () if file.suffix == ".urdf" and "robots" in file.parts]
+    files.sort(key=lambda file: (file.stem.endswith("_robot"), str(file)))
+    named = [(file.stem.removesuffix("_robot"), Path(str(distribution.locate_file(file)))) for file in files]
+    return {name: path for name, path in named if path.is_file() and path.stat().st_size}
 
 
 def own_urdfs() -> dict[str, Path]:
@@ -80,13 +76,12 @@ def _example(name: str) -> Path:
     own = own_urdfs()
     if name in own:
         return own[name]
-    known = example_urdfs()
-    if not known:
+    if not (others := example_urdfs()):
         package = "example-robot-data"
         raise InputError(f"{PREFIX}{name}: the package {package} is not installed (pip install {package})")
-    if name in known:
-        return known[name]
-    known = own | known
+    if name in others:
+        return others[name]
+    known = own | others
     if not name:
         raise InputError.of("E_NAME", f"no example robot named ''; valid: {', '.join(known)}")
     folded = name.casefold()
@@ -133,7 +128,7 @@ def similar_file(path: Path, suffixes: tuple[str, ...]) -> str | None:
     """Return the file in the same folder, with one of the suffixes, named most like a missing one."""
     stems: dict[str, str] = {}
     with suppress(OSError, ValueError), os.scandir(path.parent) as entries:
-        for _, entry in zip(range(MOST_FILES), entries, strict=False):
+        for entry in islice(entries, 1000):
             if entry.name.endswith(suffixes) and entry.is_file():
                 stems[os.path.splitext(entry.name)[0]] = entry.name
     stem = os.path.splitext(path.name)[0]
@@ -178,7 +173,7 @@ def read_arguments(texts: Sequence[str]) -> dict[str, str]:
     """Return xacro arguments written as ``name:=value``; raise `InputError` for other texts."""
     found = {}
     for text in texts:
-        match = _ARGUMENT.fullmatch(text)
+        match = re.fullmatch(r"(\w+):=(.*)", text, re.DOTALL)
         if match is None:
             raise InputError.of("E_USAGE", f"{text!r} is no xacro argument; write NAME:=VALUE")
         found[match[1]] = match[2]
@@ -198,9 +193,8 @@ def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]
     try:
         xacrodoc.packages.update_package_cache(dict(packages))
         with chdir(path.parent):  # included files are named relative to its folder
-            text: str = xacrodoc.XacroDoc.from_file(
-                path, subargs=dict(arguments), resolve_packages=False
-            ).to_urdf_string()
+            expanded = xacrodoc.XacroDoc.from_file(path, subargs=dict(arguments), resolve_packages=False)
+            text: str = expanded.to_urdf_string()
     except Exception as error:  # noqa: BLE001 - a xacro file can raise anything
         message = one_line(f"xacro cannot be expanded: {type(error).__name__}: {error}")
         raise InputError.of("E_XACRO", message, os.fspath(file)) from None

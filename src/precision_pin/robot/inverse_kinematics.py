@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, Literal, cast, final, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,37 +63,22 @@ Branches = Literal["nearest", "best", "all"]
 
 
 @final
-@dataclass(frozen=True, eq=False)
 class SolutionSearch:
-    """A task of a chain, with the postures from which the search starts."""
+    """A task of a chain, for a unit tool axis and a reference value for each joint, with postures to start from."""
 
-    chain: Chain
-    task: Task
-    axis: Array
-    reference: Array
-    units: Array
-    length: float
-    is_redundant: bool
-    low: Array
-    high: Array
-    listed: Array
-    listed_features: Array
-
-    @classmethod
-    def of(cls, chain: Chain, task: Task, axis: Array, reference: Array) -> SolutionSearch:
-        """Return the search for a task, for a unit tool axis and a reference value for each joint."""
-        length = chain_length(chain)
-        low, high = chain.configurations.limits
-        is_redundant = len(chain.joints) > CONSTRAINTS[task]
+    def __init__(self, chain: Chain, task: Task, axis: Array, reference: Array) -> None:
+        self.chain, self.task, self.axis, self.reference = chain, task, axis, reference
+        self.length = length = chain_length(chain)
+        self.low, self.high = low, high = chain.configurations.limits
+        self.is_redundant = len(chain.joints) > CONSTRAINTS[task]
         # a whole turn if limits are checked afterwards or allow it, else what they allow
-        turns = ~chain.prismatic & ((not is_redundant) | ((high - low) >= 2 * np.pi))
+        turns = ~chain.prismatic & ((not self.is_redundant) | ((high - low) >= 2 * np.pi))
         bottom = np.where(turns, -np.pi, np.where(np.isfinite(low), low, reference - length))
         top = np.where(turns, np.pi, np.where(np.isfinite(high), high, reference + length))
         spread = bottom[:, None] + (top - bottom)[:, None] * spread_points(len(chain.joints), _LISTED)
-        listed = np.column_stack([reference, spread])
-        features = _features(chain.at_columns(listed).pose, task, axis, length)
-        units = np.where(chain.prismatic, length, 1.0)
-        return cls(chain, task, axis, reference, units, length, is_redundant, low, high, listed, features)
+        self.listed = np.column_stack([reference, spread])
+        self.listed_features = _features(chain.at_columns(self.listed).pose, task, axis, length)
+        self.units = np.where(chain.prismatic, length, 1.0)
 
     def solve(self, wanted: Array, step: Callable[[int], None]) -> list[tuple[Array, bool]]:
         """Return the solutions of wanted poses ``(4, 4, N)`` within the limits, and whether there are only others.
@@ -103,10 +88,12 @@ class SolutionSearch:
         result = []
         nodes = _CHUNK // _STARTS
         for begin in range(0, wanted.shape[2], nodes):
-            for found in self._solve_chunk(np.ascontiguousarray(wanted[:, :, begin : begin + nodes])):
-                within = self._choose_turns(found)
-                result.append((within, bool(found.shape[1]) and not within.shape[1]))
-            step(min(nodes, wanted.shape[2] - begin))
+            found = self._solve_chunk(np.ascontiguousarray(wanted[:, :, begin : begin + nodes]))
+            within = map(self._choose_turns, found)
+            result += [
+                (own, bool(every.shape[1]) and not own.shape[1]) for own, every in zip(within, found, strict=True)
+            ]
+            step(len(found))
         return result
 
     def _solve_chunk(self, wanted: Array) -> list[Array]:
@@ -168,10 +155,8 @@ class SolutionSearch:
             done = is_there | (stalls > _STALLS)
             if done.any():
                 ends[:, rows[done]], is_solution[rows[done]] = q[:, done], is_there[done]
-                keep = ~done
-                rows, q, target = rows[keep], q[:, keep], target[:, :, keep]
-                damping, stalls, square = damping[keep], stalls[keep], square[keep]
-                matrix, gradient = matrix[:, :, keep], gradient[:, keep]
+                state: tuple[Any, ...] = (rows, q, target, damping, stalls, square, matrix, gradient)
+                rows, q, target, damping, stalls, square, matrix, gradient = (one[..., ~done] for one in state)
             if not len(rows):
                 break
             step = _solve_damped(matrix, gradient, damping)
@@ -253,12 +238,10 @@ def spread_points(dimensions: int, count: int) -> Array:
 
 def _features(poses: Array, task: Task, axis: Array, length: float) -> Array:
     """Return numbers ``(F, N)`` of poses ``(4, 4, N)`` that differ as the poses do: position, tool axis or all axes."""
-    position = poses[:3, 3] / length
+    position, turn = poses[:3, 3] / length, poses[:3, :3]
     if task == "position":
         return position
-    if task == "axis":
-        return np.concatenate([position, se3.turn(poses[:3, :3], axis)])
-    return np.concatenate([position, poses[:3, :3].reshape(9, -1)])
+    return np.concatenate([position, se3.turn(turn, axis) if task == "axis" else turn.reshape(9, -1)])
 
 
 def _turn_between(along: Array, wanted: Array) -> tuple[Array, Array]:
@@ -276,17 +259,15 @@ def _turn_between(along: Array, wanted: Array) -> tuple[Array, Array]:
 
 def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
     """Return the solutions ``(n, S)`` of (M + damping) x = gradient for symmetric M ``(n, n, S)``, by Cholesky."""
-    count = len(gradient)
-    factor = np.zeros_like(matrix)
-    step = gradient.copy()
-    for i in range(count):
+    factor, step = np.zeros_like(matrix), gradient.copy()
+    for i in range(len(gradient)):
         for k in range(i):
             factor[i, k] = (matrix[i, k] - (factor[i, :k] * factor[k, :k]).sum(axis=0)) / factor[k, k]
         # rounding can make the pivot smaller than the damping
         square = matrix[i, i] + damping - (factor[i, :i] * factor[i, :i]).sum(axis=0)
         factor[i, i] = np.sqrt(np.maximum(square, damping))
         step[i] = (step[i] - (factor[i, :i] * step[:i]).sum(axis=0)) / factor[i, i]
-    for i in reversed(range(count)):
+    for i in reversed(range(len(gradient))):
         step[i] = (step[i] - (factor[i + 1 :, i] * step[i + 1 :]).sum(axis=0)) / factor[i, i]
     return step
 
@@ -334,21 +315,17 @@ class Solutions(Fixed):
         if len(given) != len(self):
             raise InputError(f"{len(given)} names for {len(self)} wanted poses")
         bounds = np.searchsorted(self.node, np.arange(len(self) + 1))
-        nodes: list[int] = []
-        columns: list[int] = []
-        for node, (begin, end) in enumerate(pairwise(bounds)):
-            own = self._choose(begin, end, branches) or [-1]
-            nodes += [node] * len(own)
-            columns += own
-        # the last column means no solution
+        # -1, the last column, means no solution
+        chosen = [self._choose(begin, end, branches) or [-1] for begin, end in pairwise(bounds)]
+        nodes = [node for node, own in enumerate(chosen) for _ in own]
+        columns = [column for own in chosen for column in own]
         values = np.column_stack([self.q, np.full(len(self.q), np.nan)])
         values[:, [column for column, what in enumerate(self.hit) if what]] = np.nan
         numbers = np.append(self.branch, -1)[columns]
-        several = branches == "all"
         return PoseSet(
             q=values[:, columns],
             names=tuple(
-                f"{given[node]} branch {number}".strip() if several and number >= 0 else given[node]
+                f"{given[node]} branch {number}".strip() if branches == "all" and number >= 0 else given[node]
                 for node, number in zip(nodes, numbers, strict=True)
             ),
             status=tuple(self._status(node, column) for node, column in zip(nodes, columns, strict=True)),
@@ -367,8 +344,8 @@ class Solutions(Fixed):
     def _status(self, node: int, column: int) -> PoseStatus:
         if column < 0:
             return "limit" if self.is_outside[node] else "unreachable"
-        if self.hit and self.hit[column]:
-            return cast(PoseStatus, self.hit[column])
+        if self.hit and (hit := self.hit[column]):
+            return hit
         return "singular" if self.singular_values[column] < SINGULAR_BELOW else "reached"
 
 
@@ -407,7 +384,7 @@ def inverse_kinematics(
     if not size > 0:
         raise InputError("the tool axis has length zero; give a direction in the tip's frame, such as (0, 0, 1)")
     middle = np.clip(0.0, *chain.configurations.limits) if reference is None else chain.configuration(reference)
-    search = SolutionSearch.of(chain, task, axis / size, middle)
+    search = SolutionSearch(chain, task, axis / size, middle)
     with steps_to(progress, poses.shape[2], "poses") as step:
         found = search.solve(poses, step)
     q = np.concatenate([own for own, _ in found], axis=1)

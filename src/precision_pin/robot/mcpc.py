@@ -24,6 +24,7 @@ Sign choices: α in (-π, π], β in [-π/2, π/2] (0 after every joint of an ex
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol, final
@@ -33,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_number, check_numbers, check_whole, shown
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, read_only
 from precision_pin.base.errors import InputError
 from precision_pin.render.html import Table, rendered
 
@@ -124,8 +125,7 @@ class Mcpc:
         prismatic = np.array(self.prismatic, dtype=bool)
         if prismatic.shape != (joints,):
             raise InputError(f"mcpc prismatic: shape {prismatic.shape} is not ({joints},)")
-        prismatic.flags.writeable = False
-        object.__setattr__(self, "prismatic", prismatic)
+        object.__setattr__(self, "prismatic", read_only(prismatic))
 
     @property
     def joint_count(self) -> int:
@@ -140,27 +140,17 @@ class Mcpc:
         ``gamma_n``, ``x_0..x_n``, ``y_0..y_n``, ``z_n``.
         """
         n = self.joint_count
-        links = range(n + 1)
-        return (
-            *(f"{'d' if is_prismatic else 'theta'}_{i + 1}" for i, is_prismatic in enumerate(self.prismatic)),
-            *(f"alpha_{i}" for i in links),
-            *(f"beta_{i}" for i in links),
-            f"gamma_{n}",
-            *(f"x_{i}" for i in links),
-            *(f"y_{i}" for i in links),
-            f"z_{n}",
-        )
+        alpha, beta, x, y = ([f"{name}_{i}" for i in range(n + 1)] for name in ("alpha", "beta", "x", "y"))
+        joints = (f"{'d' if is_prismatic else 'theta'}_{i}" for i, is_prismatic in enumerate(self.prismatic, 1))
+        return (*joints, *alpha, *beta, f"gamma_{n}", *x, *y, f"z_{n}")
 
     def parameter_indices(self, link: int) -> tuple[int, ...]:
         """Return the positions of the columns of `link_matrix` (same order) among the 5n+6 parameters."""
         n = self.joint_count
         self._check_link(link)
-        joint = (link - 1,) if link else ()
-        angles = (n + link, 2 * n + 1 + link)
-        lengths = (3 * n + 3 + link, 4 * n + 4 + link)
-        if link < n:
-            return (*joint, *angles, *lengths)
-        return (*joint, *angles, 3 * n + 2, *lengths, 5 * n + 5)
+        positions = (link - 1, n + link, 2 * n + 1 + link, 3 * n + 2, 3 * n + 3 + link, 4 * n + 4 + link, 5 * n + 5)
+        left_out = {-1} if link == n else {-1, 3 * n + 2, 5 * n + 5}
+        return tuple(position for position in positions if position not in left_out)
 
     @property
     def table(self) -> tuple[McpcRow, ...]:
@@ -238,12 +228,8 @@ class Mcpc:
         D_i``.
         """
         poses = self._links(self._joint_values(q))
-        to_tip = np.eye(4)
-        matrices = []
-        for pose in reversed(poses):
-            matrices.append(se3.adjoint(se3.inverse(to_tip)))
-            to_tip = pose @ to_tip
-        return np.array(matrices[::-1])
+        to_tip = itertools.accumulate(reversed(poses[1:]), lambda after, pose: pose @ after, initial=np.eye(4))
+        return np.array([se3.adjoint(se3.inverse(pose)) for pose in to_tip][::-1])
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Return J_E ``(6, 5n+6)``: parameter errors to the tip's ``[d; δ]`` in tip axes (eq 16).
@@ -261,8 +247,7 @@ class Mcpc:
         ``J_I = T_s J_E`` with ``T_s = blockdiag(R, R)``, R the tip's rotation (not the adjoint of T, which refers d to
         the base's origin).
         """
-        rotation = self.forward_kinematics(q)[:3, :3]
-        in_tip = self.jacobian(q)
+        rotation, in_tip = self.forward_kinematics(q)[:3, :3], self.jacobian(q)
         return np.vstack([rotation @ in_tip[:3], rotation @ in_tip[3:]])
 
     def perturbed(self, parameter_errors: ArrayLike) -> Mcpc:
@@ -302,7 +287,8 @@ class Mcpc:
             joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
             numbers = [(angle, math.degrees(1)) for angle in (row.turn, row.alpha, row.beta, row.gamma)]
             numbers += [(length, 1e3) for length in (row.x, row.y, row.z)]
-            rows.append([str(row.link), joint, *(_format_value(value, unit) for value, unit in numbers)])
+            shown_numbers = ("" if one is None else f"{round(unit * one, 6) + 0.0:.9g}" for one, unit in numbers)
+            rows.append([str(row.link), joint, *shown_numbers])
         columns = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
         return rendered(f"MCPC parameters of {self.joint_count} joints", [Table(columns, rows, words=2)])
 
@@ -323,10 +309,6 @@ def finite_array(what: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
     if array.shape != shape:
         raise InputError(f"{what}: shape {array.shape} is not {shape}")
     return array
-
-
-def _format_value(value: float | None, factor: float) -> str:
-    return "" if value is None else f"{round(factor * value, 6) + 0.0:.9g}"
 
 
 def tilt(alpha: float, beta: float) -> Array:
@@ -430,12 +412,11 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
 
 def _poses(displacements: ArrayLike, count: int) -> Array:
     what = "mcpc displacements"
-    given = check_numbers(what, displacements, needs=f"({count}, 6) or ({count}, 4, 4)")
-    if given.shape == (count, 6):
-        return np.array([se3.displacement(six) for six in finite_array(what, given, (count, 6))])
-    if given.shape != (count, 4, 4):
-        raise InputError(f"{what}: shape {given.shape} is not ({count}, 6) or ({count}, 4, 4)")
-    poses = finite_array(what, given, (count, 4, 4))
+    poses = check_numbers(what, displacements, needs=f"({count}, 6) or ({count}, 4, 4)")
+    if poses.shape == (count, 6):
+        return np.array([se3.displacement(six) for six in poses])
+    if poses.shape != (count, 4, 4):
+        raise InputError(f"{what}: shape {poses.shape} is not ({count}, 6) or ({count}, 4, 4)")
     for i, pose in enumerate(poses):
         rotation = pose[:3, :3]
         is_rotation = np.abs(rotation.T @ rotation - np.eye(3)).max() < RIGID and np.linalg.det(rotation) > 0
@@ -448,10 +429,11 @@ def _nearest_tilt(direction: Array, alpha: float, beta: float) -> tuple[float, f
     """Return the (α, β) that bring z onto a direction: of the two pairs, the one nearer to the given pair."""
     first = tilt_angles(direction)
     second = (first[0] + math.pi, math.pi - first[1])
-    return min(
-        (first, second),
-        key=lambda pair: abs(math.remainder(pair[0] - alpha, math.tau)) + abs(math.remainder(pair[1] - beta, math.tau)),
-    )
+
+    def distance(pair: tuple[float, float]) -> float:
+        return abs(math.remainder(pair[0] - alpha, math.tau)) + abs(math.remainder(pair[1] - beta, math.tau))
+
+    return min(first, second, key=distance)
 
 
 class JointChain(Protocol):
@@ -492,10 +474,9 @@ def from_chain(chain: JointChain) -> Mcpc:
     Args:
         chain: Any chain of revolute and prismatic joints.
     """
-    for name in ("joint_names", "placements", "axes", "prismatic"):
-        if not hasattr(chain, name):
-            message = f"chain must have joint_names, placements, axes and prismatic, as a Chain has, got {shown(chain)}"
-            raise InputError(message)
+    if not all(hasattr(chain, name) for name in ("joint_names", "placements", "axes", "prismatic")):
+        needs = "joint_names, placements, axes and prismatic, as a Chain has"
+        raise InputError(f"chain must have {needs}, got {shown(chain)}")
     joints = len(chain.joint_names)
     placements = np.asarray(chain.placements, dtype=float)
     axes = np.vstack([np.asarray(chain.axes, dtype=float).reshape(joints, 3), Z_AXIS])

@@ -177,10 +177,11 @@ def _load(file: MeshFile) -> tuple[Surface, ...]:
         moved = np.asarray(geometry.vertices, dtype=float) @ transform[:3, :3].T + transform[:3, 3]
         check_numbers(moved)
         by_colour.setdefault(_own_colour(geometry), []).append((moved, np.asarray(geometry.faces, dtype=np.int64)))
-    return tuple(_merged(parts, colour) for colour, parts in by_colour.items())
+    return tuple(merged(parts, colour) for colour, parts in by_colour.items())
 
 
-def _merged(parts: Sequence[tuple[Array, NDArray[np.int64]]], colour: Colour | None) -> Surface:
+def merged(parts: Sequence[tuple[Array, NDArray[np.int64]]], colour: Colour | None = None) -> Surface:
+    """Return vertices with their faces, of one or several parts, as one surface."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
     faces = [indices + start for (_, indices), start in zip(parts, starts[:-1], strict=True)]
     return Surface(np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces), colour)

@@ -6,7 +6,7 @@ keeps links and joints in one list of frames and refuses a name that occurs twic
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, final
 
@@ -96,15 +96,14 @@ def model_poses(
         if not model.existFrame(name):
             raise InputError(f"the Pinocchio model has no frame {name!r}")
     numbers = {name: int(model.getJointId(name)) for name in joints}
-    wrong = [name for name, number in numbers.items() if model.nvs[number] != 1]
-    if wrong:
-        raise InputError(f"the joint {wrong[0]!r} of the Pinocchio model is none that turns or slides alone")
-    data, found = model.createData(), []
+    for name, number in numbers.items():
+        if model.nvs[number] != 1:
+            raise InputError(f"the joint {name!r} of the Pinocchio model is none that turns or slides alone")
+    data, found, gravity = model.createData(), [], np.zeros(3)
     away = np.zeros(model.nv)
     for rank, number in enumerate(numbers.values(), 1):
         away[model.idx_vs[number]] = 0.1 * rank
     neutral = pinocchio.neutral(model)
-    gravity = np.zeros(3)
     for step in (np.zeros(model.nv), away):
         q = pinocchio.integrate(model, neutral, step)
         pinocchio.framesForwardKinematics(model, data, q)
@@ -118,18 +117,16 @@ def model_poses(
 def _replace_names(robot: Robot) -> Robot:
     """Return the robot with names replaced by numbers: ``link000000``, ``joint000000`` … in the order of the names."""
     # URDF readers sort by name, so Pinocchio's joints and sums keep the order of the file's own names
-    links = _numbers("link", (link.name for link in robot.links))
-    joints = _numbers("joint", (joint.name for joint in robot.joints))
+    links, joints = (
+        {name: f"{kind}{k:06d}" for k, name in enumerate(sorted((one.name for one in things), key=str.encode))}
+        for kind, things in (("link", robot.links), ("joint", robot.joints))
+    )
     renamed = (
         replace(joint, name=joints[joint.name], parent=links[joint.parent], child=links[joint.child])
         for joint in robot.joints
     )
     own = (replace(link, name=links[link.name]) for link in robot.links)
     return Robot("robot", robot.file, tuple(own), tuple(renamed))
-
-
-def _numbers(kind: str, names: Iterable[str]) -> dict[str, str]:
-    return {name: f"{kind}{k:06d}" for k, name in enumerate(sorted(names, key=str.encode))}
 
 
 def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
@@ -150,10 +147,6 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
 
     bodies = {joint.child: model.getJointId(joint.name) for joint in moving} | {robot.root: 0}
     moments = {number: np.zeros(4) for number in bodies.values()}
-    theirs: dict[int, Array] = {}
-    for number in bodies.values():
-        inertia = model.inertias[number]
-        theirs[number] = np.array([inertia.mass, *(inertia.mass * inertia.lever)])
     for link in robot.links:
         if not model.existFrame(link.name, pinocchio.FrameType.BODY):
             raise InternalError(f"{robot.file}: Pinocchio did not load the link {names[link.name]!r}")
@@ -174,7 +167,8 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
             if max(abs(fixed.mass - mass), moment) > AGREEMENT * max(1.0, mass) * reach:
                 raise InternalError(f"{robot.file}: Pinocchio lost mass of the link {names[link.name]!r}")
     for link_name, number in bodies.items():
-        scale = max(1.0, float(moments[number][0])) * reach
-        if np.abs(moments[number] - theirs[number]).max() > AGREEMENT * scale:
-            message = f"{robot.file}: Pinocchio lost mass of the link {names[link_name]!r} or one fixed to it"
-            raise InternalError(message)
+        scale, inertia = max(1.0, float(moments[number][0])) * reach, model.inertias[number]
+        theirs = np.array([inertia.mass, *(inertia.mass * inertia.lever)])
+        if np.abs(moments[number] - theirs).max() > AGREEMENT * scale:
+            what = f"lost mass of the link {names[link_name]!r} or one fixed to it"
+            raise InternalError(f"{robot.file}: Pinocchio {what}")

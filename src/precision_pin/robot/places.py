@@ -159,23 +159,27 @@ def link_frames(
         joint = waiting.pop()
         parent = frames[joint.parent]
         origin = parent.frame @ joint.origin
-        on_path = joint.child in path_links
         if joint.name in moving:
             placements[moving[joint.name] - 1] = origin
             frames[joint.child] = LinkFrame(moving[joint.name], np.eye(4), 0, np.zeros(3))
         else:
             frame = origin @ joint.motion(locked[joint.name]) if joint.moves else origin
-            rank = parent.path_rank + 1 if on_path and parent.path_rank is not None else None
-            if rank is not None:
-                attachment = frame[:3, 3]
+            rank, attachment = None, parent.attachment
+            if parent.path_rank is not None and joint.child in path_links:
+                rank, attachment = parent.path_rank + 1, frame[:3, 3]
             elif parent.path_rank is not None:
                 attachment = parent.frame[:3, 3] if joint.reversed else origin[:3, 3]
-            else:
-                attachment = parent.attachment
             frames[joint.child] = LinkFrame(parent.link, frame, rank, attachment)
         waiting.extend(robot.child_joints(joint.child))
     placements[-1] = frames[tip].frame
-    for row in _rows(robot.root, way, moving):
+    rows = [_Row([robot.root], [])]
+    for joint in way:
+        if joint.name in moving:
+            rows.append(_Row([joint.child], []))
+        else:
+            rows[-1].names.append(joint.child)
+            rows[-1].joints.append(joint)
+    for row in rows:
         ends = row.ends(frames, placements)
         own = row.own(robot, frames)
         for k, name in enumerate(row.names):
@@ -219,17 +223,6 @@ class _Row:
         return [start, stop]
 
 
-def _rows(root: str, way: Sequence[Joint], moving: Mapping[str, int]) -> list[_Row]:
-    rows = [_Row([root], [])]
-    for joint in way:
-        if joint.name in moving:
-            rows.append(_Row([joint.child], []))
-        else:
-            rows[-1].names.append(joint.child)
-            rows[-1].joints.append(joint)
-    return rows
-
-
 Factors = tuple[Expression, ...]
 """Parameters whose product multiplies a number; none for a constant."""
 
@@ -262,8 +255,8 @@ class Load:
 
     def __post_init__(self) -> None:
         for name, shape in (("frame", (4, 4)), ("attachment", (3,)), ("stretch", (2, 3))):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, check_numbers(f"{name} of a load", getattr(self, name), shape))
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, check_numbers(f"{name} of a load", value, shape))
         moments = tuple(
             (check_numbers("mass and first moment of a load", values, (4,)), factors)
             for values, factors in self.moments
@@ -287,13 +280,11 @@ class Deflection(Fixed):
 def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]:
     """Return the weights of the URDF's links."""
     loads = []
-    for link in robot.links:
-        if link.inertial is None or link.inertial.mass == 0:
-            continue
-        where = frames[link.name]
-        moments = link.inertial.mass * np.array([1.0, *link.inertial.com])
-        entry = where.entry(link.inertial.com)
-        loads.append(Load(where.link, where.frame, entry, where.is_own, ((moments, ()),), where.stretch))
+    for where, inertial in [(frames[link.name], link.inertial) for link in robot.links]:
+        if inertial is not None and inertial.mass != 0:
+            moments = ((inertial.mass * np.array([1.0, *inertial.com]), ()),)
+            entry = where.entry(inertial.com)
+            loads.append(Load(where.link, where.frame, entry, where.is_own, moments, where.stretch))
     return tuple(loads)
 
 
@@ -330,11 +321,8 @@ def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
 def _weigh_at_many(load: Load, link_poses: Array) -> Weight:
     """Return a load in the base at P postures with its link's axes ``(4, 4, P)``."""
     frame = se3.compose(link_poses, load.frame)
-    pieces = []
-    for moments, factors in load.moments:
-        x, y, z = se3.turn(frame[:3, :3], moments[1:])
-        pieces.append((factors, moments[0], x, y, z))
-    return frame[:3, 3], pieces
+    turned = [(moments[0], se3.turn(frame[:3, :3], moments[1:]), factors) for moments, factors in load.moments]
+    return frame[:3, 3], [(factors, mass, x, y, z) for mass, (x, y, z), factors in turned]
 
 
 def wrench_on(

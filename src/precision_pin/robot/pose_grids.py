@@ -6,23 +6,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base import se3
-from precision_pin.base.arguments import (
-    check_choice,
-    check_instance,
-    check_items,
-    check_mapping,
-    check_name,
-    check_numbers,
-    check_quantities,
-    check_text,
-    check_whole,
-)
+from precision_pin.base import arguments, se3
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
@@ -57,28 +47,32 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
         InputError: A joint is missing or has no values, a number is not finite, or there are more than 1,048,575 poses.
         UnknownNameError: No such joint on the chain.
     """
-    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
-    for name in check_mapping("values", values):
-        check_name("joint on the chain", name, chain.joint_names)
+    arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    for name in arguments.check_mapping("values", values):
+        arguments.check_name("joint on the chain", name, chain.joint_names)
     missing = [name for name in chain.joint_names if name not in values]
     if missing:
         raise InputError(f"no values for the joints {', '.join(missing)}; a joint that is held has one value")
     rows = [_row(joint.name, values[joint.name], joint_quantity(joint)) for joint in chain.joints]
-    check_grid_size([len(row) for row in rows])
-    q = np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
+    q = _combinations(rows)
     return PoseSet.at(chain, chain.configurations.many(q), _names(chain, rows, q)).unobstructed(chain)
 
 
 def check_grid_size(counts: list[int]) -> None:
     """Raise if the product of the counts exceeds 1,048,575 poses."""
-    total = math.prod(counts)
-    if total > MOST_POSES:
-        message = f"the grid has {' × '.join(map(str, counts))} = {total:,} poses; at most {MOST_POSES:,} are allowed"
-        raise InputError(message)
+    if (total := math.prod(counts)) > MOST_POSES:
+        product = f"{' × '.join(map(str, counts))} = {total:,}"
+        raise InputError(f"the grid has {product} poses; at most {MOST_POSES:,} are allowed")
+
+
+def _combinations(rows: list[Array]) -> Array:
+    """Return every combination of the rows' values, ``(len(rows), N)``; the last row's change fastest."""
+    check_grid_size([len(row) for row in rows])
+    return np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
 
 
 def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
-    row = np.atleast_1d(check_quantities(f"values of {name}", given, quantity))
+    row = np.atleast_1d(arguments.check_quantities(f"values of {name}", given, quantity))
     if row.ndim != 1 or not row.size:
         raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
     return row
@@ -120,8 +114,10 @@ class Orientation(Fixed):
         Raises:
             InputError: Neither, or a matrix that is not a rotation to 1e-9.
         """
-        check_text("the label of an orientation", label)
-        values = check_numbers("the orientation", rotation, needs="a rotation (3, 3), or roll, pitch and yaw (3,)")
+        arguments.check_text("the label of an orientation", label)
+        values = arguments.check_numbers(
+            "the orientation", rotation, needs="a rotation (3, 3), or roll, pitch and yaw (3,)"
+        )
         if values.shape == (3,):
             degrees = " ".join(f"{angle:.6g}" for angle in np.degrees(values) + 0.0)
             return cls("pose", se3.rpy_rotation(values)[None], np.array(Z), label or f"rpy {degrees}°")
@@ -153,7 +149,7 @@ class Orientation(Fixed):
         upright = np.einsum("ij,kj->ik", alignment(unit), alignment(axis))
         if angles is None:
             return cls("axis", upright[None], axis, label)
-        check_whole("the number of angles about the tool axis", angles, 1, MOST_ANGLES)
+        arguments.check_whole("the number of angles about the tool axis", angles, 1, MOST_ANGLES)
         turns = se3.rotation_about(unit, 2 * np.pi * np.arange(angles) / angles)
         return cls("pose", np.einsum("ija,jk->aik", turns, upright), axis, label)
 
@@ -170,7 +166,7 @@ class Orientation(Fixed):
 
 
 def _direction(name: str, value: ArrayLike) -> Array:
-    vector = check_numbers(name, value, (3,), "three finite numbers")
+    vector = arguments.check_numbers(name, value, (3,), "three finite numbers")
     scaled = vector / max(float(np.abs(vector).max()), 1e-300)
     size = float(np.sqrt((scaled * scaled).sum()))
     if not size > 0:
@@ -186,9 +182,7 @@ def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
     Raises:
         InputError: No values, or numbers that are not finite.
     """
-    rows = [_row(name, given, LENGTH) for name, given in (("x", x), ("y", y), ("z", z))]
-    check_grid_size([len(row) for row in rows])
-    return np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
+    return _combinations([_row(name, given, LENGTH) for name, given in (("x", x), ("y", y), ("z", z))])
 
 
 def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLike, along_v: ArrayLike) -> Array:
@@ -203,19 +197,17 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
         InputError: Directions that are not perpendicular, no values, or numbers that are not finite.
     """
     needs = "three finite numbers, in m or with a unit"
-    point = check_quantities("the origin of the plane", origin, LENGTH, (3,), needs)
+    point = arguments.check_quantities("the origin of the plane", origin, LENGTH, (3,), needs)
     units = []
     for name, given in (("u", u), ("v", v)):
-        direction = check_numbers(f"the direction {name}", given, (3,), "three finite numbers")
+        direction = arguments.check_numbers(f"the direction {name}", given, (3,), "three finite numbers")
         size = float(np.linalg.norm(direction))
         if not 0 < size < np.inf:
             raise InputError(f"the direction {name} of the plane has length {size:g}; give one such as (1, 0, 0)")
         units.append(direction / size)
     if abs(float((units[0] * units[1]).sum())) > 1e-6:
         raise InputError("the directions u and v of the plane are not at right angles")
-    rows = [_row("u", along_u, LENGTH), _row("v", along_v, LENGTH)]
-    check_grid_size([len(row) for row in rows])
-    first, second = (axis.ravel() for axis in np.meshgrid(*rows, indexing="ij"))
+    first, second = _combinations([_row("u", along_u, LENGTH), _row("v", along_v, LENGTH)])
     return point[:, None] + units[0][:, None] * first + units[1][:, None] * second
 
 
@@ -247,9 +239,11 @@ def place_grid(
     Raises:
         InputError: No places or orientations, a wrong shape, or a number that is not finite.
     """
-    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
-    check_choice("branches", branches, get_args(Branches))
-    points = check_quantities("the places", places, LENGTH, needs="finite numbers, (3,) or (3, N), m in the base")
+    arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    arguments.check_choice("branches", branches, get_args(Branches))
+    points = arguments.check_quantities(
+        "the places", places, LENGTH, needs="finite numbers, (3,) or (3, N), m in the base"
+    )
     points = points[:, None] if points.ndim == 1 else points
     if points.ndim != 2 or len(points) != 3 or not points.size:
         raise InputError(f"the places have the shape {points.shape}, expected (3,) or (3, N) with at least one place")
@@ -262,7 +256,7 @@ def place_grid(
 
 def check_orientations(given: Orientation | Sequence[Orientation]) -> tuple[Orientation, ...]:
     """Return one or several orientations as a tuple."""
-    kinds = check_items("orientations", [given] if isinstance(given, Orientation) else given, Orientation)
+    kinds = arguments.check_items("orientations", [given] if isinstance(given, Orientation) else given, Orientation)
     if not kinds:
         raise InputError("no orientations; give at least one, such as Orientation.free()")
     return kinds
@@ -321,9 +315,6 @@ _MOST: Final = 256
 _TRIES: Final = 100
 _LEAST_TRIES: Final = 10_000
 """Draws for each wanted pose, and in all at least, after which too few are within reach and box."""
-_PLACE_STREAMS: Final = tuple(f"place {axis}" for axis in "xyz")
-_CHOICE: Final = "orientation"
-_BRANCH: Final = "branch"
 
 
 def random_poses(
@@ -355,15 +346,16 @@ def random_poses(
     Raises:
         InputError: A wrong number or box, a sliding joint without limits, or too few poses within the box or reach.
     """
-    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
-    check_whole("the number of poses", count, 1, MOST_POSES)
+    arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    arguments.check_whole("the number of poses", count, 1, MOST_POSES)
     check_seed(seed)
     limits = None if box is None else _check_box(box)
     if orientations is None:
-        source: _JointDraws | _PlaceDraws = _JointDraws.of(chain, limits)
+        draw = _joint_draws(chain, limits)
     else:
-        kinds = check_orientations(orientations)
-        source = _PlaceDraws(chain, _reach(chain) if limits is None else limits, kinds)
+        draw = partial(
+            _draw_places, chain, check_orientations(orientations), _reach(chain) if limits is None else limits
+        )
     found: list[PoseSet] = []
     left_out: Counter[str] = Counter()
     missing, tried = count, 0
@@ -377,90 +369,70 @@ def random_poses(
                     f"{f' and hit nothing ({hit})' if hit else ''}; make it larger, or ask for fewer than {count:,}"
                 )
             together = min(max(2 * missing, _FEWEST), _MOST)
-            drawn = source.draw(Units(seed, tried, together))
-            if drawn is not None:
-                left_out.update(one for one in drawn.status if one in OBSTRUCTED)
-            if drawn is not None and drawn.known.any():
-                kept = drawn.of(drawn.known)
-                found.append(kept.take(np.arange(min(len(kept), missing))))
-                missing -= len(found[-1])
-                step(len(found[-1]))
+            drawn = draw(Units(seed, tried, together))
             tried += together
+            if drawn is None:
+                continue
+            left_out.update(one for one in drawn.status if one in OBSTRUCTED)
+            kept = np.flatnonzero(drawn.known)[:missing]
+            if kept.size:
+                found.append(drawn.take(kept))
+                missing -= len(kept)
+                step(len(kept))
     poses = PoseSet.joined(found)
     return replace(poses, names=tuple(f"random {number}" for number in range(1, count + 1)), left_out=dict(left_out))
 
 
-@dataclass(frozen=True, eq=False)
-class _JointDraws:
-    """Draws of joint values between ``low`` and ``high``, kept if the tip is in the box."""
+def _joint_draws(chain: Chain, box: Array | None) -> Callable[[Units], PoseSet | None]:
+    """Return what draws joint values between their limits, kept if the tip is in the box."""
+    low, high = (limit.copy() for limit in chain.configurations.limits)
+    endless = ~np.isfinite(low) | ~np.isfinite(high)
+    for joint in np.flatnonzero(endless & chain.prismatic):
+        name = chain.joint_names[joint]
+        raise InputError(f"the joint {name!r} slides without limits; values of it cannot be drawn")
+    low[endless], high[endless] = -np.pi, np.pi
 
-    chain: Chain
-    low: Array
-    high: Array
-    box: Array | None
-
-    @classmethod
-    def of(cls, chain: Chain, box: Array | None) -> _JointDraws:
-        low, high = (limit.copy() for limit in chain.configurations.limits)
-        endless = ~np.isfinite(low) | ~np.isfinite(high)
-        for joint in np.flatnonzero(endless & chain.prismatic):
-            message = f"the joint {chain.joint_names[joint]!r} slides without limits; values of it cannot be drawn"
-            raise InputError(message)
-        low[endless], high[endless] = -np.pi, np.pi
-        return cls(chain, low, high, box)
-
-    def draw(self, units: Units) -> PoseSet | None:
-        uniforms = units.uniforms([stream_of(name) for name in self.chain.joint_names], 0)
-        q = self.low[:, None] + (self.high - self.low)[:, None] * uniforms
-        poses = PoseSet.at(self.chain, q)
-        if self.box is not None:
-            inside = np.asarray(((poses.position >= self.box[:, :1]) & (poses.position <= self.box[:, 1:])).all(axis=0))
+    def draw(units: Units) -> PoseSet | None:
+        uniforms = units.uniforms([stream_of(name) for name in chain.joint_names], 0)
+        poses = PoseSet.at(chain, low[:, None] + (high - low)[:, None] * uniforms)
+        if box is not None:
+            inside = np.asarray(((poses.position >= box[:, :1]) & (poses.position <= box[:, 1:])).all(axis=0))
             if not inside.any():
                 return None
             poses = poses.of(inside)
-        return poses.unobstructed(self.chain)
+        return poses.unobstructed(chain)
+
+    return draw
 
 
-@dataclass(frozen=True, eq=False)
-class _PlaceDraws:
-    """Draws of places in a box with one of some orientations; unreachable ones have no joint values."""
-
-    chain: Chain
-    box: Array
-    kinds: tuple[Orientation, ...]
-
-    def draw(self, units: Units) -> PoseSet:
-        place = units.uniforms([stream_of(name) for name in _PLACE_STREAMS], 0)
-        points = self.box[:, :1] + (self.box[:, 1:] - self.box[:, :1]) * place
-        variants = [(rank, angle) for rank, kind in enumerate(self.kinds) for angle in range(len(kind.rotations))]
-        chosen = (units.uniforms([stream_of(_CHOICE)], 0)[0] * len(variants)).astype(np.intp)
-        branch = units.uniforms([stream_of(_BRANCH)], 0)[0]
-        sets, ranks = [], []
-        for rank, kind in enumerate(self.kinds):
-            own = np.flatnonzero([variants[variant][0] == rank for variant in chosen])
-            if not len(own):
-                continue
-            rotations = np.moveaxis(kind.rotations[[variants[chosen[k]][1] for k in own]], 0, -1)
-            sets.append(self._reached(kind, points[:, own], rotations, branch[own]))
-            ranks.append(own)
-        joined, order = PoseSet.joined(sets), np.argsort(np.concatenate(ranks))
-        return joined.take(order)
-
-    def _reached(self, kind: Orientation, points: Array, rotations: Array, branch: Array) -> PoseSet:
-        """Return a pose for each place, by one of the branches."""
-        wanted = np.zeros((4, 4, points.shape[1]))
-        wanted[:3, :3], wanted[:3, 3], wanted[3, 3] = rotations, points, 1.0
-        found = inverse_kinematics(self.chain, wanted, task=kind.task, tool_axis=kind.tool_axis)
-        every = found.poses(branches="all")
+def _draw_places(chain: Chain, kinds: tuple[Orientation, ...], box: Array, units: Units) -> PoseSet:
+    """Return draws of places in a box with one of some orientations; unreachable ones have no joint values."""
+    place = units.uniforms([stream_of(f"place {axis}") for axis in "xyz"], 0)
+    points = box[:, :1] + (box[:, 1:] - box[:, :1]) * place
+    variants = [(rank, angle) for rank, kind in enumerate(kinds) for angle in range(len(kind.rotations))]
+    chosen = (units.uniforms([stream_of("orientation")], 0)[0] * len(variants)).astype(np.intp)
+    branch = units.uniforms([stream_of("branch")], 0)[0]
+    sets, ranks = [], []
+    for rank, kind in enumerate(kinds):
+        own = np.flatnonzero([variants[variant][0] == rank for variant in chosen])
+        if not len(own):
+            continue
+        wanted = np.zeros((4, 4, len(own)))
+        wanted[:3, :3] = np.moveaxis(kind.rotations[[variants[chosen[k]][1] for k in own]], 0, -1)
+        wanted[:3, 3], wanted[3, 3] = points[:, own], 1.0
+        every = inverse_kinematics(chain, wanted, task=kind.task, tool_axis=kind.tool_axis).poses(branches="all")
         assert every.node is not None
-        counts = np.bincount(every.node, minlength=points.shape[1])
+        # one of the branches that lead to each place
+        counts = np.bincount(every.node, minlength=len(own))
         first: NDArray[np.intp] = np.cumsum(counts) - counts
-        return every.take(first + (branch * counts).astype(np.intp))
+        sets.append(every.take(first + (branch[own] * counts).astype(np.intp)))
+        ranks.append(own)
+    return PoseSet.joined(sets).take(np.argsort(np.concatenate(ranks)))
 
 
 def _check_box(box: ArrayLike) -> Array:
     needs = "lowest and highest x, y and z, in m or with a unit, (3, 2)"
-    limits = check_quantities("the box", box, LENGTH, (3, 2), needs)
+    limits = arguments.check_quantities("the box", box, LENGTH, (3, 2), needs)
     if (limits[:, 0] > limits[:, 1]).any():
         axis = "xyz"[int(np.argmax(limits[:, 0] > limits[:, 1]))]
         raise InputError(f"the box: its lowest {axis} is above its highest")

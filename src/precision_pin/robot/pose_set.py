@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_number
-from precision_pin.base.arrays import Array, fix_fields
+from precision_pin.base.arrays import Array, field_names, fix_fields
 from precision_pin.base.errors import InputError
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.chain import Chain
@@ -65,12 +65,11 @@ class PoseSet:
     left_out: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        counts = {self.q.shape[1], len(self.names), len(self.status), len(self.branch), self.position.shape[1]}
-        counts |= {len(field) for field in (self.times, self.node) if field is not None}
-        counts |= set() if self.approaches is None else {self.approaches.shape[1]}
+        arrays = (self.q, self.branch, self.position, self.times, self.node, self.approaches)
+        counts = {len(self.names), len(self.status), *(array.shape[-1] for array in arrays if array is not None)}
         if len(counts) > 1:
-            message = f"the fields of a pose set have {', '.join(map(str, sorted(counts)))} poses, expected one number"
-            raise InputError(message)
+            listed = ", ".join(map(str, sorted(counts)))
+            raise InputError(f"the fields of a pose set have {listed} poses, expected one number")
         if counts == {0}:
             raise InputError("no poses; give at least one")
         fix_fields(self)
@@ -156,14 +155,12 @@ class PoseSet:
         if chain.collision_check is None or not known.size:
             return self
         found = chain.collision_check.judge(np.ascontiguousarray(self.q[:, known]))
-        hit = {int(pose): what for pose, what in zip(known, found, strict=True) if what}
+        hit: dict[int, PoseStatus] = {int(pose): what for pose, what in zip(known, found, strict=True) if what}
         if not hit:
             return self
-        q, branch, status = self.q.copy(), self.branch.copy(), list(self.status)
+        q, branch = self.q.copy(), self.branch.copy()
         q[:, list(hit)], branch[list(hit)] = np.nan, NO_BRANCH
-        for pose, what in hit.items():
-            status[pose] = what
-        return replace(self, q=q, branch=branch, status=tuple(status))
+        return replace(self, q=q, branch=branch, status=tuple(hit.get(k, one) for k, one in enumerate(self.status)))
 
     @property
     def obstructed(self) -> dict[str, int]:
@@ -213,17 +210,10 @@ class PoseSet:
 
     def take(self, chosen: NDArray[np.intp]) -> PoseSet:
         """Return the poses at some positions, in that order."""
-        return replace(
-            self,
-            q=self.q[:, chosen],
-            names=tuple(self.names[k] for k in chosen),
-            status=tuple(self.status[k] for k in chosen),
-            branch=self.branch[chosen],
-            position=self.position[:, chosen],
-            times=None if self.times is None else self.times[chosen],
-            node=None if self.node is None else self.node[chosen],
-            approaches=None if self.approaches is None else self.approaches[:, chosen],
-        )
+        given = {name: getattr(self, name) for name in field_names(PoseSet)}
+        arrays = {name: value[..., chosen] for name, value in given.items() if isinstance(value, np.ndarray)}
+        texts: dict[str, Any] = {name: tuple(given[name][k] for k in chosen) for name in ("names", "status")}
+        return replace(self, **arrays, **texts)
 
 
 def chain_length(chain: Chain) -> float:
@@ -242,5 +232,4 @@ def smallest_singular_values(chain: Chain, q: Array) -> Array:
     scaled = np.moveaxis(chain.at_columns(q).joint_jacobian, -1, 0).copy()
     scaled[:, :3] /= length
     scaled[:, :, chain.prismatic] *= length
-    singular_values: Array = np.asarray(np.linalg.svd(scaled, compute_uv=False), dtype=np.float64)
-    return singular_values[:, -1].copy()
+    return np.array(np.linalg.svd(scaled, compute_uv=False)[:, -1])

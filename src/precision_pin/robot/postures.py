@@ -6,7 +6,6 @@ signs are the same; configurations are the last dimension. A damaged or unusable
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, NamedTuple, final
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_memory
 from precision_pin.base.arrays import Array, read_only, returns_read_only
-from precision_pin.robot.places import Load
 
 
 def alignment(axis: Array) -> Array:
@@ -41,36 +39,6 @@ class ChainConstants(NamedTuple):
     masses: Array
     moments: Array
     gravity: Array
-
-    @classmethod
-    def of(
-        cls,
-        placements: Array,
-        axes: Array,
-        slides: NDArray[np.bool_],
-        alignments: Sequence[Array],
-        gravity: Array,
-        loads: Sequence[Load],
-    ) -> ChainConstants:
-        """Return a chain's constants; ``alignments`` are each joint's `alignment`; moments have no factors."""
-        aligned = np.array([*alignments, np.eye(3)])
-        before = np.concatenate([np.eye(3)[None], aligned[:-1]]).swapaxes(1, 2)
-        carried = np.zeros((len(placements), 4))
-        for load in loads:
-            for moments, _ in load.moments:
-                turned = load.frame[:3, :3] @ moments[1:] + moments[0] * load.frame[:3, 3]
-                carried[load.link] += [moments[0], *turned]
-        return cls(
-            axes=axes,
-            slides=np.array(slides),
-            slanted=(aligned[:-1] != np.eye(3)).any(axis=(1, 2)),
-            aligned=aligned,
-            turns=before @ placements[:, :3, :3] @ aligned,
-            arms=(before @ placements[:, :3, 3, None])[:, :, 0].copy(),
-            masses=carried[1:, 0].copy(),
-            moments=(before[1:] @ carried[1:, 1:, None])[:, :, 0].copy(),
-            gravity=np.array(gravity),
-        )
 
 
 @final
@@ -133,20 +101,19 @@ class Postures:
     def _poses(self) -> Array:
         check_memory(128.0 * (len(self.q) + 1) * len(self), f"computing poses at {len(self):,} configurations", _FEWER)
         result = np.empty((len(self.q) + 1, 4, 4, len(self)))
-        self._run(result, _NOTHING, _NOTHING, _NOTHING)
+        self._run(result, *[np.zeros(0)] * 3)
         return result
 
     @cached_property
     @returns_read_only
     def _rates(self) -> tuple[Array, Array, Array]:
         joints, count = self.q.shape
-        check_memory(
-            8.0 * (13 * joints + 6) * count, f"computing Jacobians and wrenches at {count:,} configurations", _FEWER
-        )
+        what = f"computing Jacobians and wrenches at {count:,} configurations"
+        check_memory(8.0 * (13 * joints + 6) * count, what, _FEWER)
         # one block of memory: a large block is faster to allocate than several
         rows = np.empty((6 * joints + joints + 6 * (joints + 1), count))
         jacobian, torque, wrench = np.split(rows, [6 * joints, 7 * joints])
-        self._run(_NOTHING, jacobian, torque, wrench)
+        self._run(np.zeros(0), jacobian, torque, wrench)
         return jacobian.reshape(6, joints, count), torque, wrench.reshape(joints + 1, 6, count)
 
     def _run(self, poses: Array, jacobian: Array, torque: Array, wrench: Array) -> None:
@@ -155,20 +122,12 @@ class Postures:
         from precision_pin.robot import posture_loops
 
         _, slides, *constants = self._constants
-        q = _within_reach(self.q, slides)
+        # angles of many turns are reduced to one
+        far = ~slides[:, None] & (np.abs(self.q) > posture_loops.FARTHEST_TURN)
+        near = np.where(far, np.arctan2(np.sin(self.q), np.cos(self.q)), self.q) if far.any() else self.q
+        q = np.require(near, np.float64, ["C", "W"])
         results = (result.reshape(-1) for result in (poses, jacobian, torque, wrench))
-        arguments = (*posture_loops.allocate_scratch(len(q)), q, slides, *constants, *results)
-        call(posture_loops.run, arguments)
+        call(posture_loops.run, (*posture_loops.allocate_scratch(len(q)), q, slides, *constants, *results))
 
 
-_NOTHING: Final = np.zeros(0)
 _FEWER: Final = "give fewer at a time"
-
-
-def _within_reach(q: Array, slides: NDArray[np.bool_]) -> Array:
-    """Return the values with angles of many turns reduced to one, as a contiguous array."""
-    from precision_pin.robot.posture_loops import FARTHEST_TURN
-
-    far = ~slides[:, None] & (np.abs(q) > FARTHEST_TURN)
-    near = np.where(far, np.arctan2(np.sin(q), np.cos(q)), q) if far.any() else q
-    return np.require(near, np.float64, ["C", "W"])

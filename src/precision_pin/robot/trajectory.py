@@ -232,9 +232,11 @@ def _row_by_row(
             raise wrong(f"more than {most} poses; leave rows out", line)
         if len(cells) != len(columns):
             raise wrong(f"{len(cells)} values for {len(columns)} columns", line)
-        values = [_number(cell) * column.factor for cell, column in zip(cells, columns, strict=True)]
-        for value, cell, column in zip(values, cells, columns, strict=True):
-            if not math.isfinite(value):
+        values = []
+        for cell, column in zip(cells, columns, strict=True):
+            # float() takes 1_000 and other digits than 0 to 9 as well
+            values.append(float(cell) * column.factor if NUMBER.fullmatch(cell) else math.nan)
+            if not math.isfinite(values[-1]):
                 raise wrong(f"{column.heading}: {shown(cell, _LONGEST)} is not a finite number", line)
         if not columns[0].joint and not values[0] > before:
             still, back = f"stands still at {before:.10g} s", f"goes back from {before:g} s to {values[0]:g} s"
@@ -250,8 +252,7 @@ def _columns(header: Sequence[str], chain: Chain) -> list[Column]:
     for name in joints:
         if joints.count(name) > 1:
             raise InputError(f"the joint {name!r} has two columns")
-    missing = [name for name in chain.joint_names if name not in joints]
-    if missing:
+    if missing := [name for name in chain.joint_names if name not in joints]:
         raise InputError(f"no column for the joints {', '.join(missing)}")
     return columns
 
@@ -287,8 +288,3 @@ def _between(values: Array, firsts: NDArray[np.intp], shares: Array) -> Array:
     left, right = values[firsts], values[np.minimum(firsts + 1, len(values) - 1)]
     # a row itself stays as it is, bit by bit
     return np.concatenate([np.where(shares > 0, left + shares * (right - left), left), values[-1:]])
-
-
-def _number(cell: str) -> float:
-    # float() takes 1_000 and other digits than 0 to 9 as well
-    return float(cell) if NUMBER.fullmatch(cell) else math.nan

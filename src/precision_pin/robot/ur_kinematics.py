@@ -153,7 +153,8 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
             raise _wrong(file, f"kinematics: {link} needs the numbers {', '.join(_NUMBERS)}")
         steps.append(numbers)
     placed = _placed(steps, x_y_z=x_y_z)
-    folded = _is_folded(placed)
+    # wrist 1 lies back along the upper arm at zero; a UR is stretched there
+    folded = bool(placed[2, :2, 3] @ (placed[2, :3, :3] @ placed[3, :3, 3])[:2] < 0)
     if folded:
         placed = _unfolded(_placed(steps, x_y_z=True))
     frames = np.array(list(itertools.accumulate(placed, np.matmul)))
@@ -167,12 +168,6 @@ def _placed(steps: list[list[float]], *, x_y_z: bool) -> Array:
         rotation = about_x @ about_y @ about_z if x_y_z else about_z @ about_y @ about_x
         frames.append(se3.pose(rotation, np.array([x, y, z])))
     return np.array(frames)
-
-
-def _is_folded(placed: Array) -> bool:
-    """Return whether wrist 1 lies back along the upper arm at zero; a UR is stretched there."""
-    forearm = placed[2, :3, :3] @ placed[3, :3, 3]
-    return bool(placed[2, :2, 3] @ forearm[:2] < 0)
 
 
 def _unfolded(placed: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Final, Literal, TypeVar
@@ -13,13 +13,12 @@ import numpy as np
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import shown
-from precision_pin.robot.urdf.robot import PARTS, Inertial, Joint, Limits, Link, Robot, draft_command, likeliest_tip
+from precision_pin.robot.urdf.robot import PARTS, Joint, Limits, Link, Robot, draft_command, likeliest_tip
 from precision_pin.robot.urdf.xmltree import LONGEST_REACH, Findings, hint
 
 Named = TypeVar("Named", Link, Joint)
 
 MOST_NAMED: Final = 8
-RESERVED: Final = "universe"
 PLAIN_MARKS: Final = frozenset("_-.:")
 # letters of other scripts that look like Latin ones, after case folding
 LOOK_ALIKE: Final = str.maketrans(
@@ -29,9 +28,6 @@ LOOK_ALIKE: Final = str.maketrans(
 EIGHTH: Final = math.pi / 4
 # 1.570796 (0.33 µrad off) is good enough for a thousandth of a millimetre at 2 m, 1.5708 (3.7 µrad) is not
 GOOD_ENOUGH: Final = 1e-6
-WIDEST_SLIP: Final = 2e-3
-MOST_DECIMALS: Final = 5
-WIDEST: Final = 4 * math.pi
 Verdict = Literal["physical", "point", "negative", "triangle"]
 
 # inertias often have three digits; those of a plate then violate ixx + iyy = izz by as much
@@ -50,13 +46,11 @@ def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findin
     for kind, things in (("link", links), ("joint", joints)):
         looks: dict[str, str] = {}
         for thing in things:
-            name = thing.name
-            if name == RESERVED:
-                message = f"the {kind} name {name!r} is reserved for the world; choose another name"
-                findings.add("E_RESERVED_NAME", message, thing.line)
-            odd = _find_odd_character(name)
-            if odd is not None:
-                message = f"the {kind} name {shown(name)} holds {odd}; letters, digits and _ - . : are safe everywhere"
+            name, named = thing.name, f"the {kind} name {shown(thing.name)}"
+            if name == "universe":
+                findings.add("E_RESERVED_NAME", f"{named} is reserved for the world; choose another name", thing.line)
+            if (odd := _find_odd_character(name)) is not None:
+                message = f"{named} holds {odd}; letters, digits and _ - . : are safe everywhere"
                 findings.add("W_NAME_CHARS", message, thing.line)
             twin = looks.setdefault(_skeleton(name), name)
             if twin != name:
@@ -65,8 +59,7 @@ def check_names(links: Sequence[Link], joints: Sequence[Joint], findings: Findin
     joint_names = {joint.name for joint in joints}
     for link in links:
         if link.name in joint_names:
-            message = f"a link and a joint share the name {shown(link.name)}"
-            findings.add("W_NAME_SHARED", message, link.line)
+            findings.add("W_NAME_SHARED", f"a link and a joint share the name {shown(link.name)}", link.line)
 
 
 def _find_odd_character(name: str) -> str | None:
@@ -89,18 +82,16 @@ def find_exact_angle(angle: float) -> float | None:
     """Return the multiple of 45° that an angle is rounded from, None if it is not rounded."""
     # A right angle counts as rounded if it is off by up to 2 mrad and has up to five decimals, since more look
     # measured. An odd multiple of 45° must be truncated or rounded at its last decimal.
-    if abs(angle) > WIDEST:
+    if abs(angle) > 4 * math.pi:
         return None
     turns = round(angle / EIGHTH)
     exact = turns * EIGHTH
     slip = abs(angle - exact)
-    if turns == 0 or not GOOD_ENOUGH < slip <= WIDEST_SLIP:
+    if turns == 0 or not GOOD_ENOUGH < slip <= 2e-3:
         return None
     exponent = Decimal(repr(angle)).as_tuple().exponent
-    decimals = -exponent if isinstance(exponent, int) else 0
-    if decimals > MOST_DECIMALS or (turns % 2 and slip > 10.0**-decimals):
-        return None
-    return exact
+    assert isinstance(exponent, int)
+    return None if exponent < -5 or (turns % 2 and slip > 10.0**exponent) else exact
 
 
 def snapped(robot: Robot) -> Robot:
@@ -116,28 +107,23 @@ def snapped(robot: Robot) -> Robot:
 def check_joints(joints: Sequence[Joint], findings: Findings) -> None:
     """Refuse meaningless mimics (``E_MIMIC``); warn of rounded right angles in origins (``W_ANGLE_ROUNDED``)."""
     by_name = {joint.name: joint for joint in joints}
-    for joint in joints:
-        if joint.mimic is None:
-            continue
-        target = joint.mimic.joint
-        followed = f"joint {shown(joint.name)} mimics {shown(target)}"
-        if target not in by_name:
-            findings.add("E_MIMIC", f"{followed}, which does not exist{hint(target, by_name)}", joint.line)
-        elif not by_name[target].moves:
-            why = "which is fixed and has no value; a moving joint is needed"
-            findings.add("E_MIMIC", f"{followed}, {why}", joint.line)
+    followers = {joint: joint.mimic.joint for joint in joints if joint.mimic is not None}
+    for joint, target in followers.items():
+        if target not in by_name or not by_name[target].moves:
+            why = "is fixed and has no value; a moving joint is needed"
+            why = why if target in by_name else f"does not exist{hint(target, by_name)}"
+            findings.add("E_MIMIC", f"joint {shown(joint.name)} mimics {shown(target)}, which {why}", joint.line)
 
     def followed_by(name: str) -> str | None:
-        mimic = by_name[name].mimic
-        return mimic.joint if mimic is not None and mimic.joint in by_name else None
+        target = followers.get(by_name[name])
+        return target if target in by_name else None
 
     for circle in _find_circles(by_name, followed_by):
         names = " → ".join(shown(name) for name in [*circle[:MOST_NAMED], circle[0]])
         findings.add("E_MIMIC", f"joints mimic each other in a circle: {names}", by_name[circle[0]].line)
     for joint in joints:
         for name, angle in zip(("roll", "pitch", "yaw"), joint.rpy, strict=True):
-            exact = find_exact_angle(angle)
-            if exact is not None:
+            if (exact := find_exact_angle(angle)) is not None:
                 message = (
                     f"joint {shown(joint.name)}: {name} {angle!r} is {abs(angle - exact):.1e} rad off "
                     f"{round(math.degrees(exact))}°; write {exact!r} if that is intended (snapping does it)"
@@ -173,11 +159,8 @@ def check_tree(links: Sequence[Link], joints: Sequence[Joint], findings: Finding
             message = f"{owner} joins link {shown(joint.child)} to itself; two links are needed"
             findings.add("E_LOOP", message, joint.line)
         elif joint.child in parents:
-            other = parents[joint.child].name
-            message = (
-                f"link {shown(joint.child)} is the child of {owner} and of joint {shown(other)}; "
-                "each link has one parent at most (closed loops are not supported)"
-            )
+            both = f"link {shown(joint.child)} is the child of {owner} and of joint {shown(parents[joint.child].name)}"
+            message = f"{both}; each link has one parent at most (closed loops are not supported)"
             findings.add("E_LOOP", message, joint.line)
         else:
             parents[joint.child] = joint
@@ -196,9 +179,8 @@ def _check_roots(links: Sequence[Link], parents: dict[str, Joint], findings: Fin
         findings.add("E_NO_ROOT", message, links[0].line)
         return False
     if len(roots) > 1:
-        names = [link.name for link in roots]
-        message = f"{len(roots)} links have no parent: {_list_names(names)}; one root is needed"
-        findings.add("E_TWO_ROOTS", message, roots[1].line)
+        listed = _list_names([link.name for link in roots])
+        findings.add("E_TWO_ROOTS", f"{len(roots)} links have no parent: {listed}; one root is needed", roots[1].line)
     for circle in circles:
         message = f"links {_list_names(circle)} form a circle that is not connected to the root"
         findings.add("E_LOOP", message, parents[circle[0]].line)
@@ -226,11 +208,7 @@ def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> N
     moving = len(robot.moving_joints)
     if moving == 0:
         findings.add("E_NO_DOF", "no joint moves; an arm needs one that is not fixed", line)
-    if moving > limits.moving_joints:
-        message = f"{moving} moving joints; up to {limits.moving_joints} are allowed (the limits can be raised)"
-        findings.add("E_TOO_BIG", message, line)
-    depth = {robot.root: 1}
-    reach = {robot.root: 0.0}
+    depth, reach = {robot.root: 1}, {robot.root: 0.0}
     longest: dict[str, Joint] = {}
     for joint in robot.joints_from_root:
         depth[joint.child] = depth[joint.parent] + 1
@@ -238,12 +216,13 @@ def check_size(robot: Robot, line: int, limits: Limits, findings: Findings) -> N
         reach[joint.child] = reach[joint.parent] + length
         above = longest.get(joint.parent)
         longest[joint.child] = joint if above is None or length > _length(above) else above
-    if max(depth.values()) > limits.links_in_depth:
-        message = (
-            f"{max(depth.values())} links from root to tip; up to {limits.links_in_depth} are allowed "
-            "(the limits can be raised)"
-        )
-        findings.add("E_TOO_BIG", message, line)
+    for count, of, most in (
+        (moving, "moving joints", limits.moving_joints),
+        (max(depth.values()), "links from root to tip", limits.links_in_depth),
+    ):
+        if count > most:
+            message = f"{count} {of}; up to {most} are allowed (the limits can be raised)"
+            findings.add("E_TOO_BIG", message, line)
     farthest = max(reach, key=lambda name: reach[name])
     # a single origin beyond the reach already has its own warning
     if reach[farthest] > LONGEST_REACH and all(_length(joint) <= LONGEST_REACH for joint in robot.joints):
@@ -295,12 +274,13 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
         listed = ", ".join(f"{moment:.4g}" for moment in moments)
         message = f"{owner}: principal moments of inertia {listed} kg·m²: {why}"
         body = bodies.get(link.name)
-        if body is None or body.links == 1 or not _is_physical(body):
-            remedy = "precision-pin init --mend-inertia writes a copy with one that a body can have"
-            findings.add(code, f"{message}; no analysis uses it: {remedy}", link.line)
-        else:
-            message += f"; accepted, because the rigid body of {body.links} links that it belongs to is physical"
-            findings.add("W_INERTIA", message, link.line)
+        remedy = "no analysis uses it: precision-pin init --mend-inertia writes a copy with one that a body can have"
+        if body is not None and body.links > 1 and _is_physical(body):
+            code, remedy = (
+                "W_INERTIA",
+                f"accepted, because the rigid body of {body.links} links that it belongs to is physical",
+            )
+        findings.add(code, f"{message}; {remedy}", link.line)
 
 
 def mended_inertias(links: tuple[Link, ...]) -> dict[str, dict[str, float]]:
@@ -340,11 +320,10 @@ def _moments(tensor: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Body:
-    """Links joined by fixed joints: mass, centre and inertia about it, in the axes of the topmost link."""
+    """Links joined by fixed joints: their number, mass, and inertia about its centre in the topmost link's axes."""
 
     links: int
     mass: float
-    centre: Array
     tensor: Array
 
 
@@ -357,26 +336,24 @@ def _bodies(robot: Robot) -> dict[str, _Body]:
         else:
             top[joint.child] = top[joint.parent]
             poses[joint.child] = poses[joint.parent] @ joint.origin
-    bodies: dict[str, _Body] = {}
-    with np.errstate(over="ignore", invalid="ignore"):
-        for link in robot.links:
-            body = bodies.get(top[link.name], _Body(0, 0.0, np.zeros(3), np.zeros((3, 3))))
-            bodies[top[link.name]] = _add_link(body, link.inertial, poses[link.name])
+    held: dict[str, list[Link]] = {}
+    for link in robot.links:
+        held.setdefault(top[link.name], []).append(link)
+    bodies = {name: _join(links, poses) for name, links in held.items()}
     return {name: bodies[at] for name, at in top.items()}
 
 
-def _add_link(body: _Body, inertial: Inertial | None, pose: Array) -> _Body:
-    """Return the body with one more link (parallel-axis theorem)."""
-    body = replace(body, links=body.links + 1)
-    if inertial is None:
-        return body
-    turn = pose[:3, :3]
-    centre = turn @ np.array(inertial.com) + pose[:3, 3]
-    tensor = body.tensor + turn @ inertial.tensor @ turn.T
-    mass = body.mass + inertial.mass
-    if mass <= 0:
-        return replace(body, mass=mass, tensor=tensor)
-    apart = centre - body.centre
-    reduced = body.mass * inertial.mass / mass
-    tensor = tensor + reduced * (apart @ apart * np.eye(3) - np.outer(apart, apart))
-    return replace(body, mass=mass, centre=body.centre + inertial.mass / mass * apart, tensor=tensor)
+def _join(links: Sequence[Link], poses: Mapping[str, Array]) -> _Body:
+    """Return links as one body (parallel-axis theorem)."""
+    heavy = [(link.inertial, poses[link.name]) for link in links if link.inertial is not None]
+    mass = sum(inertial.mass for inertial, _ in heavy)
+    tensor = np.zeros((3, 3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        centres = [pose[:3, :3] @ np.array(inertial.com) + pose[:3, 3] for inertial, pose in heavy]
+        weighed = zip(heavy, centres, strict=True)
+        middle = sum((inertial.mass / (mass or 1.0) * centre for (inertial, _), centre in weighed), np.zeros(3))
+        for (inertial, pose), centre in zip(heavy, centres, strict=True):
+            apart, turn = centre - middle, pose[:3, :3]
+            tensor += turn @ inertial.tensor @ turn.T
+            tensor += inertial.mass * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+    return _Body(len(links), mass, tensor)

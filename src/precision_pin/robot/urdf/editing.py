@@ -86,37 +86,30 @@ class UrdfText:
         for name, placement in placements.items():
             edits += self._edit_placement(self.joints[name], placement)
         for name, parts in inertias.items():
-            values = {part.encode(): repr(float(number)).encode() for part, number in parts.items()}
+            values = {part.encode(): _written([number]) for part, number in parts.items()}
             edits += self._edit_attributes(self.inertias[name], b"<inertia", values)
         newline = b"\r\n" if b"\r\n" in self.data else b"\n"
         if added:
             lines = [self._encode(line, "xmlcharrefreplace") for frame in added for line in _frame_lines(frame)]
             edits.append((self.end, self.end, b"".join(line + newline for line in lines)))
-        listed = [self._encode(_make_safe(line), "backslashreplace") for line in comment]
-        if listed:
+        if listed := [self._encode(_make_safe(line), "backslashreplace") for line in comment]:
             edits.append(self._comment(listed, newline))
-        pieces = []
-        done = 0
-        for start, stop, text in sorted(edits):
-            pieces += [self.data[done:start], text]
-            done = stop
-        return b"".join([*pieces, self.data[done:]])
+        result = self.data
+        for start, stop, text in sorted(edits, reverse=True):
+            result = result[:start] + text + result[stop:]
+        return result
 
     def _edit_placement(self, joint: _JointText, placement: Placement) -> list[Edit]:
-        values = {
-            name: b" ".join(repr(float(number)).encode() for number in vector)
-            for name, vector in ((b"xyz", placement.xyz), (b"rpy", placement.rpy))
-            if vector is not None
-        }
+        given = {b"xyz": placement.xyz, b"rpy": placement.rpy}
+        values = {name: _written(vector) for name, vector in given.items() if vector is not None}
+        if joint.origin is not None:
+            return self._edit_attributes(joint.origin, b"<origin", values)
         if not values:
             return []
-        if joint.origin is None:
-            # before the first child, on its own line if the child has one
-            before = self.data[: joint.first_child]
-            blanks = before[len(before.rstrip()) :]
-            attributes = b"".join(b' %s="%s"' % item for item in values.items())
-            return [(joint.first_child, joint.first_child, b"<origin" + attributes + b"/>" + blanks)]
-        return self._edit_attributes(joint.origin, b"<origin", values)
+        # before the first child, on its own line if the child has one
+        before = self.data[: joint.first_child]
+        blanks = before[len(before.rstrip()) :]
+        return [(joint.first_child, joint.first_child, b"<origin" + _attributes(values) + b"/>" + blanks)]
 
     def _edit_attributes(self, position: int, tag: bytes, values: dict[bytes, bytes]) -> list[Edit]:
         match = START_TAG.match(self.data, position)
@@ -129,7 +122,7 @@ class UrdfText:
             if value is not None:
                 edits.append((attribute.start(2) + 1, attribute.end(2) - 1, value))
         if values:
-            edits.append((tail, tail, b"".join(b' %s="%s"' % item for item in values.items())))
+            edits.append((tail, tail, _attributes(values)))
         return edits
 
     def _comment(self, lines: Sequence[bytes], newline: bytes) -> Edit:
@@ -145,18 +138,23 @@ class UrdfText:
         return text.encode("ascii", replacing) if self.data.isascii() else text.encode()
 
 
+def _written(numbers: Iterable[float]) -> bytes:
+    return b" ".join(repr(float(number)).encode() for number in numbers)
+
+
+def _attributes(values: Mapping[bytes, bytes]) -> bytes:
+    return b"".join(b' %s="%s"' % item for item in values.items())
+
+
 def _frame_lines(frame: AddedFrame) -> list[str]:
-    xyz, rpy = (" ".join(repr(float(number)) for number in vector) for vector in (frame.xyz, frame.rpy))
-    link, joint, parent = map(_quote, (frame.link, frame.joint, frame.parent))
+    xyz, rpy = (_written(vector).decode() for vector in (frame.xyz, frame.rpy))
+    breaks = {"\t": "&#9;", "\n": "&#10;", "\r": "&#13;"}
+    link, joint, parent = (quoteattr(name, breaks) for name in (frame.link, frame.joint, frame.parent))
     return [
         f"  <link name={link}/>",
         f'  <joint name={joint} type="fixed"><origin xyz="{xyz}" rpy="{rpy}"/>'
         f"<parent link={parent}/><child link={link}/></joint>",
     ]
-
-
-def _quote(name: str) -> str:
-    return quoteattr(name, {"\t": "&#9;", "\n": "&#10;", "\r": "&#13;"})
 
 
 def _make_safe(line: str) -> str:
@@ -178,10 +176,8 @@ class _Scanner:
         self._name = ""
         self._first_child: int | None = None
         self._origin: int | None = None
-        parser = expat.ParserCreate(encoding="utf-8")
-        self._parser = parser
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._stop
+        self._parser = parser = expat.ParserCreate(encoding="utf-8")
+        parser.StartElementHandler, parser.EndElementHandler = self._start, self._stop
         parser.Parse(data, True)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:

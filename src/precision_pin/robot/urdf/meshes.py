@@ -13,6 +13,7 @@ import re
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, final
 from urllib.parse import unquote
@@ -111,10 +112,8 @@ def _check_gltf_tree(tree: Mapping[str, Any], binary: bytes | None, companion: C
         buffers.append(content)
     views = [_view(view, buffers) for view in tree.get("bufferViews", [])]
     accessors = [_accessor(accessor, views) for accessor in tree.get("accessors", [])]
-    triangles = []
-    for mesh in tree.get("meshes", []):
-        triangles.append(sum(_check_primitive(one, accessors) for one in mesh.get("primitives", [])))
-    _check_nodes(tree, triangles)
+    meshes = [mesh.get("primitives", []) for mesh in tree.get("meshes", [])]
+    _check_nodes(tree, [sum(_check_primitive(one, accessors) for one in primitives) for primitives in meshes])
 
 
 def _from_uri(uri: str, companion: Companion) -> bytes:
@@ -183,24 +182,15 @@ def _check_nodes(tree: Mapping[str, Any], triangles: list[int]) -> None:
                 raise BrokenMeshError("holds a node with two parents")
             parents[child] = k
     roots = {_index(root, nodes) for scene in tree.get("scenes", []) for root in scene.get("nodes", [])}
-    if any(root in parents for root in roots) or _has_circle(parents):
+    try:
+        TopologicalSorter({child: [parent] for child, parent in parents.items()}).prepare()
+        in_circle = any(root in parents for root in roots)
+    except CycleError:
+        in_circle = True
+    if in_circle:
         raise BrokenMeshError("holds nodes in a circle")
     if total > MOST_TRIANGLES:
         raise BrokenMeshError(f"holds {total} triangles; up to {MOST_TRIANGLES} are read")
-
-
-def _has_circle(parents: Mapping[int, int]) -> bool:
-    done: set[int] = set()
-    for start in parents:
-        way: set[int] = set()
-        at: int | None = start
-        while at is not None and at not in done:
-            if at in way:
-                return True
-            way.add(at)
-            at = parents.get(at)
-        done |= way
-    return False
 
 
 def check_collada(data: bytes, companion: Companion) -> None:
@@ -248,18 +238,13 @@ def _check_xml(data: bytes) -> None:
 
 
 def _check_geometry(geometry: ElementTree.Element) -> int:
-    rows = {}
-    for source in geometry.iter("source"):
-        rows["#" + source.get("id", "")] = _check_source(source)
+    rows = {"#" + source.get("id", ""): _check_source(source) for source in geometry.iter("source")}
     for vertices in geometry.iter("vertices"):
         for given in vertices.findall("input"):
             if given.get("semantic") == "POSITION":
                 rows["#" + vertices.get("id", "")] = rows.get(given.get("source", ""), 0)
-    total = 0
-    for kind in ("triangles", "polylist", "polygons", "trifans", "tristrips"):
-        for faces in geometry.iter(kind):
-            total += _check_faces(faces, rows)
-    return total
+    kinds = ("triangles", "polylist", "polygons", "trifans", "tristrips")
+    return sum(_check_faces(faces, rows) for kind in kinds for faces in geometry.iter(kind))
 
 
 def _check_source(source: ElementTree.Element) -> int:
@@ -280,13 +265,11 @@ def _check_source(source: ElementTree.Element) -> int:
 def _check_faces(faces: ElementTree.Element, rows: Mapping[str, int]) -> int:
     inputs = [(int(one.get("offset", 0)), rows.get(one.get("source", ""))) for one in faces.findall("input")]
     width = 1 + max((offset for offset, _ in inputs), default=0)
-    words = [np.array((p.text or "").split(), dtype=np.int64) for p in faces.findall("p")]
-    indices = np.concatenate(words) if words else np.zeros(0, np.int64)
+    indices = np.array([word for p in faces.findall("p") for word in (p.text or "").split()], dtype=np.int64)
     if width < 1 or len(indices) % width:
         raise BrokenMeshError("holds faces that are cut short")
-    vcount = faces.find("vcount")
     corners = 3 * int(faces.get("count", 0)) if faces.tag == "triangles" else None
-    if vcount is not None:
+    if (vcount := faces.find("vcount")) is not None:
         corners = int(np.array((vcount.text or "").split(), dtype=np.int64).sum())
     if corners is not None and corners * width != len(indices):
         raise BrokenMeshError(f"claims {corners} corners of faces, but holds {len(indices) // width}")
@@ -370,7 +353,7 @@ def _read(path: Path, what: str) -> bytes:
     findings = Findings(str(path))
     data = read_regular_file(path, findings, most_bytes=MOST_BYTES)
     if data is None:
-        reason = findings.result()[0]
+        (reason,) = findings.result()
         is_large = reason.code == "E_TOO_BIG"
         raise BrokenMeshError(f"is over {MOST_BYTES} bytes" if is_large else f"{what}{reason.message}")
     return data
@@ -418,14 +401,11 @@ def _check_obj(data: bytes, companion: Companion) -> None:
     lowest, highest = 1, 0
     others = {"vt": 0, "vn": 0}
     for line in _lines(data):
-        words = line.split()
-        if not words:
-            continue
+        words = line.split() or [""]
+        if words[0] in seen:
+            seen[words[0]] += 1
         if words[0] == "v":
             _check_point(words[1:4])
-            seen["v"] += 1
-        elif words[0] in others:
-            seen[words[0]] += 1
         elif words[0] == "f":
             corners = [int(word.partition("/")[0]) for word in words[1:]]
             for word in words[1:]:
@@ -451,7 +431,7 @@ def _check_obj(data: bytes, companion: Companion) -> None:
 
 
 def _check_point(words: Sequence[str]) -> None:
-    values = [float(word) for word in words]
+    values = [*map(float, words)]
     if len(values) < 3:
         raise BrokenMeshError("holds vertices of fewer than three coordinates")
     if not all(abs(value) <= FARTHEST for value in values):  # there may be a million lines, so no arrays here
@@ -519,8 +499,7 @@ class _PlyReader:
 
     def next(self, kind: str) -> float:
         if self._values is not None:
-            value = next(self._values, None)
-            if value is None:
+            if (value := next(self._values, None)) is None:
                 raise BrokenMeshError("is cut short")
             return value
         code = _ply_code(kind)
@@ -579,10 +558,8 @@ def locate_mesh(filename: str, folder: Path, package_dirs: Sequence[Path] = ()) 
     scheme, rest = match[1].lower(), match[2]
     if scheme == "file":
         return Path(rest)
-    if scheme != "package":
-        return None
     name, _, inside = rest.partition("/")
-    if not name or name in (".", ".."):
+    if scheme != "package" or name in ("", ".", ".."):
         return None
     package = _package(name, folder, package_dirs)
     return None if package is None else package / inside
@@ -621,65 +598,54 @@ class MeshFiles:
         if filename in self._seen:
             return
         self._seen.add(filename)
+        try:
+            code, problem = self._find_problem(filename, owner, line)
+        except (OSError, ValueError) as error:
+            code, problem = "W_MESH_MISSING", f" cannot be looked up: {error}"
+        if code:
+            self._findings.add(code, f"{owner}: mesh {shown(filename)}{problem}", line)
+
+    def _find_problem(self, filename: str, owner: str, line: int) -> tuple[str, str]:
+        """Return the code of a warning and what follows the mesh's name in it, empty if nothing is wrong."""
         match = SCHEME.fullmatch(filename)
         scheme = "" if match is None else match[1].lower()
-        label = f"{owner}: mesh {shown(filename)}"
         if scheme not in ("", "file", "package"):
-            message = f"{label} is not a local file; it is not fetched"
-            self._findings.add("W_MESH_PATH", message, line)
-            return
+            return "W_MESH_PATH", " is not a local file; it is not fetched"
         if scheme == "package" and _leaves_its_package(filename):
-            self._findings.add("W_MESH_PATH", f"{label} leaves its package; it is not opened", line)
-            return
-        try:
-            path = locate_mesh(filename, self._folder, self._package_dirs)
-            if path is not None:
-                note_input(path)
-            if path is None:
-                package = filename[len("package://") :].partition("/")[0]
-                message = f"mesh package {shown(package)} is not found; give its folder (--package-dir)"
-                self._findings.group("W_MESH_MISSING", message, owner, line)
-                return
-            self._check_path(path, label, line, in_package=scheme == "package")
-        except (OSError, ValueError) as problem:
-            self._findings.add("W_MESH_MISSING", f"{label} cannot be looked up: {problem}", line)
-
-    def _check_path(self, path: Path, label: str, line: int, *, in_package: bool) -> None:
+            return "W_MESH_PATH", " leaves its package; it is not opened"
+        path = locate_mesh(filename, self._folder, self._package_dirs)
+        if path is None:
+            package = filename[len("package://") :].partition("/")[0]
+            message = f"mesh package {shown(package)} is not found; give its folder (--package-dir)"
+            self._findings.group("W_MESH_MISSING", message, owner, line)
+            return "", ""
+        note_input(path)
         if len(str(path)) > LONGEST_NAME:
-            self._findings.add("W_MESH_MISSING", f"{label} has too long a name", line)
-            return
+            return "W_MESH_MISSING", " has too long a name"
         real = Path(os.path.realpath(path))
-        package = _package_root(path, self._folder, self._package_dirs) if in_package else None
-        allowed = [*self._allowed, *([package] if package else [])]
-        if not any(real.is_relative_to(folder) for folder in allowed):
-            message = f"{label} is outside the folders of this robot; it is not opened"
-            self._findings.add("W_MESH_PATH", message, line)
-            return
+        package_root = _package_root(path, self._folder, self._package_dirs) if scheme == "package" else None
+        if not any(real.is_relative_to(folder) for folder in (*self._allowed, package_root) if folder is not None):
+            return "W_MESH_PATH", " is outside the folders of this robot; it is not opened"
         try:
             status = os.stat(real)
         except (FileNotFoundError, NotADirectoryError):
-            self._findings.add("W_MESH_MISSING", f"{label} does not exist", line)
-            return
+            return "W_MESH_MISSING", " does not exist"
         if not is_regular(status):
-            self._findings.add("W_MESH_BAD", f"{label} is not a regular file", line)
-        elif real.suffix.lower() not in MESH_KINDS:
-            kinds = ", ".join(sorted(MESH_KINDS))
-            self._findings.add("W_MESH_BAD", f"{label} is of an unknown kind; known: {kinds}", line)
-        elif self._look_inside:
-            try:
+            return "W_MESH_BAD", " is not a regular file"
+        if real.suffix.lower() not in MESH_KINDS:
+            return "W_MESH_BAD", f" is of an unknown kind; known: {', '.join(sorted(MESH_KINDS))}"
+        try:
+            if self._look_inside:
                 read_mesh(real)
-            except BrokenMeshError as problem:
-                self._findings.add("W_MESH_BAD", f"{label}: {problem}", line)
+        except BrokenMeshError as problem:
+            return "W_MESH_BAD", f": {problem}"
+        return "", ""
 
     def _allowed_folders(self) -> list[Path]:
         """Return the URDF's folder, the one above (``../meshes``), its ROS package, and the given ones."""
-        allowed = [self._folder, *self._package_dirs]
-        above = self._folder.parent
-        if above != Path(above.anchor):
-            allowed.append(above)
-        packages = (folder for folder in self._folder.parents if (folder / "package.xml").is_file())
-        package = next(packages, None)
-        return allowed if package is None else [*allowed, package]
+        above = [folder for folder in (self._folder.parent,) if folder != Path(folder.anchor)]
+        packages = [folder for folder in self._folder.parents if (folder / "package.xml").is_file()]
+        return [self._folder, *self._package_dirs, *above, *packages[:1]]
 
 
 def _leaves_its_package(filename: str) -> bool:

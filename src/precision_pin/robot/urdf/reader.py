@@ -14,29 +14,13 @@ from precision_pin.base import files
 from precision_pin.base.errors import Finding, UrdfError, shown
 from precision_pin.robot.urdf import checks
 from precision_pin.robot.urdf import robot as tree
+from precision_pin.robot.urdf import xmltree as xml
 from precision_pin.robot.urdf.editing import UrdfText
 from precision_pin.robot.urdf.meshes import MeshFiles
-from precision_pin.robot.urdf.xmltree import (
-    BEYOND_USE,
-    BOUNDS,
-    GRAMMAR,
-    LONGEST_REACH,
-    ZERO3,
-    BadNumbers,
-    Findings,
-    Node,
-    Owner,
-    as_vector,
-    is_misread,
-    parse_numbers,
-    parse_xml,
-    read_name,
-    read_regular_file,
-)
+from precision_pin.robot.urdf.xmltree import Findings, Node, Owner
 
 Paths = Sequence[str | os.PathLike[str]]
 DEFAULT_LIMITS = tree.Limits()
-VERSIONS = ("1.0", "1.1", "1.2")
 OTHER_ROOTS = {
     "sdf": "this is SDF, not URDF",
     "mujoco": "this is MuJoCo's MJCF, not URDF",
@@ -47,16 +31,7 @@ SHAPES: Final = ("box", "cylinder", "sphere", "mesh")
 # C's printf directives: parsers are known to log bad text as a format string. The two character classes share no
 # character, so that matching never takes quadratic time
 DIRECTIVE: Final = re.compile(r"%[-+ #0-9.*hlqjztL]*[diouxXeEfFgGaAcspn]")
-TINY_MASS: Final = 1e-6
-LARGE_MASS: Final = 500.0
-HALF_TURN: Final = 3.14
-"""rad, as often written."""
 KINDS: Final = ("revolute", "continuous", "prismatic", "fixed")
-UNIT_TOLERANCE: Final = 1e-6
-SHORTEST_AXIS: Final = 1e-6
-LONGEST_AXIS: Final = 1e6
-WIDEST_LIMIT: Final = 4 * math.pi
-WIDEST_SHIFT: Final = 20.0
 DEFAULT_AXIS: Final = (1.0, 0.0, 0.0)
 
 
@@ -66,8 +41,7 @@ def read(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS, 
     ``package_dirs`` are the folders of packages in ``package://`` mesh names, besides those found near the file. Mesh
     files are looked up, not opened. Raises `UrdfError` with all findings if the file cannot be used.
     """
-    robot, findings = _from_file(path, limits, package_dirs, look_inside=False)
-    return _robot_or_raise(robot, findings)
+    return _robot_or_raise(*_from_file(path, limits, package_dirs, look_inside=False))
 
 
 def check(
@@ -80,8 +54,7 @@ def check(
 def parse(data: bytes, file: str, *, limits: tree.Limits = DEFAULT_LIMITS) -> tree.Robot:
     """Read a URDF from memory, as `read` does; ``file`` is its name in findings. Mesh files are not looked up."""
     findings = Findings(file)
-    robot = _read_text(data, file, findings, limits, None)
-    return _robot_or_raise(robot, findings.result())
+    return _robot_or_raise(_read_text(data, file, findings, limits, None), findings.result())
 
 
 def mended(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS) -> tuple[bytes, tuple[str, ...]]:
@@ -89,9 +62,7 @@ def mended(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS
 
     Mass and centre of mass, all that gravity needs, stay. Raises `UrdfError` for other errors.
     """
-    robot, findings = _from_file(path, limits, (), look_inside=False)
-    if robot is None or any(found.severity == "error" and found.code not in checks.INERTIAS for found in findings):
-        raise UrdfError(findings)
+    robot = _robot_or_raise(*_from_file(path, limits, (), look_inside=False), checks.INERTIAS)
     data = files.read_regular_file(path, limits.file_bytes)
     inertias = checks.mended_inertias(robot.links)
     text = UrdfText.scan(data).edited({}, inertias=inertias) if inertias else data
@@ -99,8 +70,10 @@ def mended(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS
     return text, tuple(inertias)
 
 
-def _robot_or_raise(robot: tree.Robot | None, findings: tuple[Finding, ...]) -> tree.Robot:
-    if robot is None or any(finding.severity == "error" for finding in findings):
+def _robot_or_raise(
+    robot: tree.Robot | None, findings: tuple[Finding, ...], let_pass: frozenset[str] = frozenset()
+) -> tree.Robot:
+    if robot is None or any(found.severity == "error" and found.code not in let_pass for found in findings):
         raise UrdfError(findings)
     return replace(robot, findings=findings)
 
@@ -110,7 +83,7 @@ def _from_file(
 ) -> tuple[tree.Robot | None, tuple[Finding, ...]]:
     name = os.fspath(path)
     findings = Findings(name)
-    data = read_regular_file(path, findings, most_bytes=limits.file_bytes)
+    data = xml.read_regular_file(path, findings, most_bytes=limits.file_bytes)
     robot = None
     if data is not None:
         meshes = MeshFiles(findings, Path(name).parent, [*map(Path, package_dirs)], look_inside=look_inside)
@@ -122,12 +95,24 @@ def _read_text(
     data: bytes, file: str, findings: Findings, limits: tree.Limits, meshes: MeshFiles | None
 ) -> tree.Robot | None:
     """Return the robot if links and joints make a tree, with or without errors."""
-    node = parse_xml(data, findings, limits)
-    if node is None or not _is_robot(node, findings):
+    node = xml.parse_xml(data, findings, limits)
+    if node is None:
+        return None
+    if node.tag != "robot" or "xmlns" in node.attributes:
+        why = OTHER_ROOTS.get(node.tag.lower(), f"the root element is <{node.tag[:40]}>")
+        if node.tag == "robot":
+            why = f"the root element is in the namespace {shown(node.attributes['xmlns'])}; delete xmlns"
+        findings.add("E_NO_ROBOT", f"{why}; a URDF's root is <robot>", node.line)
         return None
     looks = Looks(findings, meshes)
     colours = looks.materials(node)
-    name = _read_header(node, findings)
+    owner = Owner("robot", findings)
+    owner.check_attributes(node)
+    owner.check_children(node)
+    version = node.get("version")
+    if version not in (None, "1.0", "1.1", "1.2"):
+        findings.add("E_VERSION", f"URDF version {shown(version or '')} is not read; allowed: 1.0, 1.1, 1.2", node.line)
+    name = xml.read_name(node, findings)
     read_links = [read_link(link, findings, looks, colours) for link in node.named("link")]
     read_joints = [read_joint(joint, findings) for joint in node.named("joint")]
     if not read_links:
@@ -147,29 +132,6 @@ def _read_text(
     return robot
 
 
-def _is_robot(node: Node, findings: Findings) -> bool:
-    if node.tag == "robot" and "xmlns" not in node.attributes:
-        return True
-    why = OTHER_ROOTS.get(node.tag.lower())
-    if node.tag == "robot":
-        why = f"the root element is in the namespace {shown(node.attributes['xmlns'])}; delete xmlns"
-    elif why is None:
-        why = f"the root element is <{node.tag[:40]}>"
-    findings.add("E_NO_ROBOT", f"{why}; a URDF's root is <robot>", node.line)
-    return False
-
-
-def _read_header(node: Node, findings: Findings) -> str | None:
-    owner = Owner("robot", findings)
-    owner.check_attributes(node)
-    owner.check_children(node)
-    version = node.get("version")
-    if version is not None and version not in VERSIONS:
-        message = f"URDF version {shown(version)} is not read; allowed: {', '.join(VERSIONS)}"
-        findings.add("E_VERSION", message, node.line)
-    return read_name(node, findings)
-
-
 def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, Colour]) -> tree.Link | None:
     """Return the link, None without a name; with an error it only serves to find further errors."""
     name, owner = _open(node, findings)
@@ -181,7 +143,7 @@ def read_link(node: Node, findings: Findings, looks: Looks, colours: dict[str, C
 
 def _open(node: Node, findings: Findings) -> tuple[str | None, Owner]:
     Owner(node.tag, findings).check_attributes(node)
-    name = read_name(node, findings)
+    name = xml.read_name(node, findings)
     owner = Owner(f"{node.tag} {shown(name or '?')}", findings)
     owner.check_children(node)
     return name, owner
@@ -197,9 +159,9 @@ def _inertial(node: Node, owner: Owner) -> tree.Inertial | None:
     if mass is None or inertia is None or owner.findings.errors > before:
         return None
     ixx, ixy, ixz, iyy, iyz, izz = inertia
-    if mass > 0 and math.sqrt(max(ixx + iyy + izz, 0.0) / 2 / mass) > LONGEST_REACH:
+    if mass > 0 and math.sqrt(max(ixx + iyy + izz, 0.0) / 2 / mass) > xml.LONGEST_REACH:
         text = (
-            f": inertia up to {max(inertia):g} kg·m² at {mass:g} kg would reach over {LONGEST_REACH:g} m; "
+            f": inertia up to {max(inertia):g} kg·m² at {mass:g} kg would reach over {xml.LONGEST_REACH:g} m; "
             "are these kg·mm²?"
         )
         owner.say("W_UNITS", text, node.line)
@@ -208,21 +170,18 @@ def _inertial(node: Node, owner: Owner) -> tree.Inertial | None:
 
 def _mass(node: Node, owner: Owner) -> float | None:
     element = owner.child(node, "mass")
-    numbers = None if element is None else owner.read(element, "value")
-    if element is None or numbers is None:
+    if element is None or (numbers := owner.read(element, "value")) is None:
         return None
     mass = numbers[0]
     rules = (
         (mass < 0, "E_MASS_NEG", " is negative; zero or more is needed"),
-        (mass > BEYOND_USE, "E_UNITS", " is implausibly large; masses are in kg"),
-        (mass > LARGE_MASS, "W_MASS_LARGE", "; are these grams? masses are in kg"),
-        (0 < mass < TINY_MASS, "W_MASS_TINY", " is under a milligram"),
+        (mass > xml.BEYOND_USE, "E_UNITS", " is implausibly large; masses are in kg"),
+        (mass > 500, "W_MASS_LARGE", "; are these grams? masses are in kg"),
+        (0 < mass < 1e-6, "W_MASS_TINY", " is under a milligram"),
     )
     if mass == 0:
-        message = "a mass of zero is given; it weighs nothing"
-        owner.findings.group("W_MASS_ZERO", message, owner.name, element.line)
-    code, text = next(((code, text) for holds, code, text in rules if holds), ("", ""))
-    if code:
+        owner.findings.group("W_MASS_ZERO", "a mass of zero is given; it weighs nothing", owner.name, element.line)
+    for code, text in [(code, text) for holds, code, text in rules if holds][:1]:
         owner.say(code, f": mass {mass:g} kg{text}", element.line)
     return mass
 
@@ -239,7 +198,7 @@ def _inertia(node: Node, owner: Owner) -> tuple[float, ...] | None:
     numbers = tuple(value[0] for value in owner.numbers(element).values() if value is not None)
     if len(numbers) < len(tree.PARTS):
         return None
-    if max(map(abs, numbers)) > BEYOND_USE * LONGEST_REACH**2:
+    if max(map(abs, numbers)) > xml.BEYOND_USE * xml.LONGEST_REACH**2:
         text = f": an inertia of {max(numbers, key=abs):g} kg·m² is implausibly large"
         owner.say("E_UNITS", text, element.line)
         return None
@@ -253,16 +212,16 @@ def read_joint(node: Node, findings: Findings) -> tree.Joint | None:
     parent, child = _end(node, "parent", owner), _end(node, "child", owner)
     xyz, rpy = owner.placement(node)
     owner.check_placement(node, xyz, rpy, ": origin xyz", ": origin rpy")
-    moves = kind in ("revolute", "continuous", "prismatic")
-    axis = _axis(node, owner) if moves else DEFAULT_AXIS
-    limit = _limit(node, kind, owner) if moves else None
+    axis: tree.Vector = DEFAULT_AXIS
+    limit: tree.Limit | None = None
     if kind == "fixed":
         _check_unused_limit(node, owner)
+    elif kind is not None:
+        axis, limit = _axis(node, owner), _limit(node, kind, owner)
     mimic = _mimic(node, kind, name, owner)
     _check_dynamics(node, owner)
     for tag in ("safety_controller", "calibration"):
-        ignored = node.first(tag)
-        if ignored is not None:
+        if (ignored := node.first(tag)) is not None:
             findings.group("W_IGNORED", f"<{tag}> is ignored", owner.name, ignored.line)
     if name is None or parent is None or child is None:
         return None
@@ -285,7 +244,7 @@ def _end(node: Node, tag: str, owner: Owner) -> str | None:
     element = node.first(tag)
     link = None if element is None else element.get("link")
     if not link:
-        owner.say(*GRAMMAR[tag].missing, (element or node).line)
+        owner.say(*xml.GRAMMAR[tag].missing, (element or node).line)
     return link or None
 
 
@@ -296,16 +255,16 @@ def _axis(node: Node, owner: Owner) -> tree.Vector:
     if element.get("xyz") is None:
         text = ': <axis> has no xyz, which other readers read as zero; <axis xyz="…"/> is needed'
         owner.say("E_AXIS_ZERO", text, element.line)
-    axis = as_vector(owner.read(element, "xyz"))
+    axis = xml.as_vector(owner.read(element, "xyz"))
     if axis is None:
         return DEFAULT_AXIS
     length, needed = math.hypot(*axis), "; a vector of length one is needed"
     code, what = "", ""
-    if length < SHORTEST_AXIS:
+    if length < 1e-6:
         code, what = "E_AXIS_ZERO", f"is almost zero{needed}"
-    elif length > LONGEST_AXIS:
+    elif length > 1e6:
         code, what = "E_AXIS_NORM", f"has length {length:.3g}{needed}"
-    elif abs(length - 1) > UNIT_TOLERANCE:
+    elif abs(length - 1) > 1e-6:
         code, what = "W_AXIS_NORM", f"has length {length:.7g}, not one; its direction is used"
     if code:
         owner.say(code, f": axis {shown(element.get('xyz') or '')} {what}", element.line)
@@ -316,7 +275,7 @@ def _limit(node: Node, kind: str | None, owner: Owner) -> tree.Limit | None:
     element = node.first("limit")
     if element is None:
         if kind != "continuous":
-            code, text = GRAMMAR["limit"].missing
+            code, text = xml.GRAMMAR["limit"].missing
             owner.say(code, f" is {kind}{text}", node.line)
         return None
     before = owner.findings.errors
@@ -344,9 +303,9 @@ def _check_unused_limit(node: Node, owner: Owner) -> None:
     if element is None:
         return
     wrong = [name for name in ("effort", "velocity") if element.get(name) is None]
-    for name in BOUNDS:
+    for name in xml.BOUNDS:
         text = element.get(name)
-        if text is not None and (isinstance(parse_numbers(text, 1), BadNumbers) or is_misread(text, 1)):
+        if text is not None and (isinstance(xml.parse_numbers(text, 1), xml.BadNumbers) or xml.is_misread(text, 1)):
             wrong.append(name)
     if wrong:
         text = (
@@ -359,11 +318,11 @@ def _check_unused_limit(node: Node, owner: Owner) -> None:
 def _note_open_limits(element: Node, values: dict[str, float | None], kind: str | None, owner: Owner) -> None:
     """Warn of limits that are missing, unused or infinite."""
     turns = kind == "continuous"
-    # limits of a whole turn or more are equivalent to none
-    written = [name for name in ("lower", "upper") if turns and 0 < abs(values[name] or 0.0) < HALF_TURN]
+    # limits of a whole turn or more, half a turn being often written as 3.14, are equivalent to none
+    written = [name for name in ("lower", "upper") if turns and 0 < abs(values[name] or 0.0) < 3.14]
     zero = [name for name in ("lower", "upper") if not turns and values[name] is None]
     unlimited = [name for name in ("effort", "velocity") if values[name] is None]
-    infinite = [name for name in BOUNDS[2 if turns else 0 :] if math.isinf(values[name] or 0.0)]
+    infinite = [name for name in xml.BOUNDS[2 if turns else 0 :] if math.isinf(values[name] or 0.0)]
     remarks = [
         before + " and ".join(names) + after
         for before, names, after in (
@@ -386,9 +345,8 @@ def _check_range(lower: float, upper: float, kind: str | None, line: int, owner:
     if lower == upper:
         text = f": lower and upper limit are both {lower:g}; the joint cannot move within its limits"
         owner.say("W_LIMITS", text, line)
-    widest, unit, meant = (
-        (WIDEST_SHIFT, "m", "millimetres") if kind == "prismatic" else (WIDEST_LIMIT, "rad", "degrees")
-    )
+    slides = kind == "prismatic"
+    widest, unit, meant = (20.0, "m", "millimetres") if slides else (4 * math.pi, "rad", "degrees")
     large = [value for value in (lower, upper) if math.isfinite(value) and abs(value) > widest]
     if large:
         text = f": limit {large[0]:g} {unit} is beyond ±{widest:.4g} {unit}; are these {meant}?"
@@ -402,11 +360,9 @@ def _mimic(node: Node, kind: str | None, name: str | None, owner: Owner) -> tree
     if element is None:
         return None
     joint = element.get("joint")
-    if not joint:
-        owner.say("E_MIMIC", ': <mimic> names no joint; <mimic joint="…"/> is needed', element.line)
-        return None
-    if joint == name:
-        owner.say("E_MIMIC", " mimics itself; another joint is needed", element.line)
+    if not joint or joint == name:
+        nameless = ': <mimic> names no joint; <mimic joint="…"/> is needed'
+        owner.say("E_MIMIC", " mimics itself; another joint is needed" if joint else nameless, element.line)
         return None
     multiplier, offset = (
         default if value is None else value[0]
@@ -427,12 +383,10 @@ def _check_dynamics(node: Node, owner: Owner) -> None:
     element = node.first("dynamics")
     if element is None:
         return
-    given = [name for name in GRAMMAR["dynamics"].attributes if element.get(name) is not None]
-    if not given:
+    if not {"damping", "friction"} & set(element.attributes):
         owner.say("W_DYNAMICS", ": <dynamics> has neither damping nor friction; it is ignored", element.line)
-    for name in given:
-        numbers = owner.read(element, name)
-        if numbers is not None and numbers[0] < 0:
+    for name in ("damping", "friction"):
+        if (numbers := owner.read(element, name)) is not None and numbers[0] < 0:
             owner.say("W_DYNAMICS", f": {name} {numbers[0]:g} is negative; it is ignored", element.line)
 
 
@@ -458,11 +412,10 @@ class Looks:
         colours: dict[str, Colour] = {}
         for node in robot.named("material"):
             self._material(node, "robot", colours, top=True)
-        for link in robot.named("link"):
-            for visual in link.named("visual"):
-                for node in visual.named("material"):
-                    if node.get("name") and (node.first("color") is not None or node.first("texture") is not None):
-                        self._material(node, f"link {shown(link.get('name') or '?')}", colours, top=False)
+        visuals = [(link, visual) for link in robot.named("link") for visual in link.named("visual")]
+        for link, node in [(link, node) for link, visual in visuals for node in visual.named("material")]:
+            if node.get("name") and (node.first("color") is not None or node.first("texture") is not None):
+                self._material(node, f"link {shown(link.get('name') or '?')}", colours, top=False)
         return colours
 
     def read(
@@ -477,33 +430,26 @@ class Looks:
         return tuple(shapes["visual"]), tuple(shapes["collision"])
 
     def _material(self, node: Node, owner: str, colours: dict[str, Colour], *, top: bool) -> None:
-        name = node.get("name")
-        color = node.first("color")
-        problem = None
-        if not name:
-            problem = "has no name"
-        elif top and name in self._defined:
-            problem = "is defined twice; the first is used"
-        elif color is not None:
-            try:
+        name, color = node.get("name") or "", node.first("color")
+        try:
+            if not name:
+                raise _Bad("has no name")
+            if top and name in self._defined:
+                raise _Bad("is defined twice; the first is used")
+            if color is not None:
                 colours.setdefault(name, _colour(color))
-            except _Bad as bad:
-                problem = str(bad)
-        elif node.first("texture") is None:
-            problem = "has neither color nor texture"
-        self._defined.add(name or "")
-        if problem is not None:
-            self._report_material(node, owner, problem)
+            elif node.first("texture") is None:
+                raise _Bad("has neither color nor texture")
+        except _Bad as bad:
+            self._report_material(node, owner, bad)
+        self._defined.add(name)
 
-    def _report_material(self, node: Node, owner: str, problem: str) -> None:
-        message = f"{owner}: material {shown(node.get('name') or '')} {problem}"
-        self._report(node, message, "W_MATERIAL", "E_MATERIAL")
+    def _report_material(self, node: Node, owner: str, problem: _Bad) -> None:
+        self._report(node, f"{owner}: material {shown(node.get('name') or '')} {problem}", "MATERIAL")
 
-    def _report(self, node: Node, message: str, usual: str, dangerous: str) -> None:
-        if _misleads(node):
-            self._findings.add(dangerous, f"{message}; text with printf directives is refused", node.line)
-        else:
-            self._findings.add(usual, message, node.line)
+    def _report(self, node: Node, message: str, kind: str) -> None:
+        severity, more = ("E", "; text with printf directives is refused") if _misleads(node) else ("W", "")
+        self._findings.add(f"{severity}_{kind}", message + more, node.line)
 
     def _shape(self, node: Node, owner: str, colours: dict[str, Colour]) -> tree.Shape | None:
         try:
@@ -511,7 +457,7 @@ class Looks:
             xyz, rpy = _vector(origin, "xyz"), _vector(origin, "rpy")
             geometry = self._geometry(node, owner)
         except _Bad as bad:
-            self._report(node, f"{owner}: this {node.tag} is left out: {bad}", "W_GEOMETRY", "E_GEOMETRY")
+            self._report(node, f"{owner}: this {node.tag} is left out: {bad}", "GEOMETRY")
             return None
         if geometry is None:
             return None
@@ -523,12 +469,9 @@ class Looks:
         if material is None:
             return None
         name, color = material.get("name") or "", material.first("color")
-        message = ""
-        if not name:
-            message = "a material without a name, for which other readers leave the visual out"
-        elif color is None and name not in self._defined:
-            message = f"material {shown(name)} is not defined; its visuals are drawn grey"
-        if message:
+        if not name or (color is None and name not in self._defined):
+            nameless = "a material without a name, for which other readers leave the visual out"
+            message = f"material {shown(name)} is not defined; its visuals are drawn grey" if name else nameless
             self._findings.group("W_MATERIAL", message, owner, material.line)
         if color is None:
             return colours.get(name)
@@ -536,8 +479,8 @@ class Looks:
             return _colour(color)
         except _Bad as bad:
             if not name:
-                self._report_material(material, owner, str(bad))
-            return None
+                self._report_material(material, owner, bad)
+        return None
 
     def _geometry(self, node: Node, owner: str) -> tree.Geometry | None:
         element = node.first("geometry")
@@ -553,14 +496,14 @@ class Looks:
         if shape.tag == "mesh":
             return self._mesh(shape, owner)
         sizes: list[float] = []
-        for name, form in GRAMMAR[shape.tag].attributes.items():
+        for name, form in xml.GRAMMAR[shape.tag].attributes.items():
             values = _numbers(shape, name, form.count)
             if min(values) <= 0:
                 raise _Bad(f"<{shape.tag}> {name}={shown(shape.get(name) or '')} must be positive")
             sizes += values
         if shape.tag == "box":
             return tree.Box((sizes[0], sizes[1], sizes[2]))
-        return tree.Sphere(sizes[0]) if shape.tag == "sphere" else tree.Cylinder(sizes[0], sizes[1])
+        return tree.Sphere(*sizes) if shape.tag == "sphere" else tree.Cylinder(*sizes)
 
     def _mesh(self, node: Node, owner: str) -> tree.Mesh | None:
         filename, written = (node.get("filename") or "").strip(), node.get("scale")
@@ -569,16 +512,14 @@ class Looks:
             return None
         if self._meshes is not None:
             self._meshes.check(filename, owner, node.line)
-        if written is None:
-            return tree.Mesh(filename)
         try:
-            scale = _vector(node, "scale")
+            scale = tree.Mesh.scale if written is None else _vector(node, "scale")
         except _Bad as bad:
             self._findings.add("W_MESH_SCALE", f"{owner}: {bad}; 1 1 1 is used", node.line)
-            return tree.Mesh(filename)
+            scale = tree.Mesh.scale
         if min(scale) <= 0:
             what = "flattens" if 0 in scale else "mirrors"
-            message = f"mesh scale {shown(written)} {what} the mesh; positive is usual"
+            message = f"mesh scale {shown(written or '')} {what} the mesh; positive is usual"
             self._findings.group("W_MESH_SCALE", message, owner, node.line)
         return tree.Mesh(filename, scale)
 
@@ -593,17 +534,17 @@ def _numbers(node: Node, attribute: str, count: int) -> tuple[float, ...]:
     text = node.get(attribute)
     if text is None:
         raise _Bad(f"<{node.tag}> has no {attribute}")
-    result = parse_numbers(text, count)
-    if isinstance(result, BadNumbers):
+    result = xml.parse_numbers(text, count)
+    if isinstance(result, xml.BadNumbers):
         raise _Bad(f"<{node.tag}> {attribute}={shown(text)} {result.reason}")
-    if max(map(abs, result)) > BEYOND_USE:
+    if max(map(abs, result)) > xml.BEYOND_USE:
         raise _Bad(f"<{node.tag}> {attribute}={shown(text)} is implausibly large")
     return result
 
 
 def _vector(node: Node | None, attribute: str) -> tree.Vector:
     if node is None or node.get(attribute) is None:
-        return ZERO3
+        return xml.ZERO3
     x, y, z = _numbers(node, attribute, 3)
     return (x, y, z)
 

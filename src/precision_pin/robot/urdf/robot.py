@@ -237,27 +237,22 @@ class Robot:
     @cached_property
     def joints_from_root(self) -> tuple[Joint, ...]:
         """All joints, each after those above it."""
-        ordered: list[Joint] = []
-        level = [self.root]
-        while level:
-            below = [joint for name in level for joint in self.child_joints(name)]
-            ordered += below
-            level = [joint.child for joint in below]
+        ordered = list(self.child_joints(self.root))
+        for joint in ordered:  # grows level by level
+            ordered += self.child_joints(joint.child)
         return tuple(ordered)
 
     def link(self, name: str) -> Link:
         """Return a link by name, or raise `UnknownNameError` with the nearest names."""
-        try:
-            return self._links[name]
-        except KeyError:
-            raise UnknownNameError("link", name, self._links) from None
+        if name not in self._links:
+            raise UnknownNameError("link", name, self._links)
+        return self._links[name]
 
     def joint(self, name: str) -> Joint:
         """Return a joint by name, or raise `UnknownNameError` with the nearest names."""
-        try:
-            return self._joints[name]
-        except KeyError:
-            raise UnknownNameError("joint", name, self._joints) from None
+        if name not in self._joints:
+            raise UnknownNameError("joint", name, self._joints)
+        return self._joints[name]
 
     def child_joints(self, link: str) -> tuple[Joint, ...]:
         """Return the joints whose parent is this link, in file order."""
@@ -292,7 +287,7 @@ class Robot:
         Values by joint, rad or m, by default zero. Mimic joints are ordinary joints here: their coupling is not
         applied.
         """
-        given = {} if values is None else values
+        given = values or {}
         for name in given:
             self.joint(name)
         poses: dict[str, Array] = {self.root: np.eye(4)}
@@ -397,10 +392,8 @@ def canonical(robot: Robot) -> str:
     Every link has a full inertial (zeros if massless), every moving joint a unit axis and finite limits (`UNLIMITED` if
     there are none); ``continuous`` becomes ``revolute``, so every joint has one value. All else is left out.
     """
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', f'<robot name="{_escape(robot.name)}">']
-    lines += [_link(link) for link in robot.links]
-    lines += [_joint(joint) for joint in robot.joints]
-    return "\n".join([*lines, "</robot>", ""])
+    head = ['<?xml version="1.0" encoding="UTF-8"?>', f'<robot name="{_escape(robot.name)}">']
+    return "\n".join([*head, *map(_link, robot.links), *map(_joint, robot.joints), "</robot>", ""])
 
 
 def _link(link: Link) -> str:

@@ -23,9 +23,6 @@ MOST_FINDINGS = 1000
 MOST_NAMES = 6
 
 
-_CODES: Final = {"missing": "E_FILE_MISSING", "kind": "E_FILE_KIND", "size": "E_TOO_BIG"}
-
-
 def hint(name: str, valid: Collection[str]) -> str:
     """Return ``"; did you mean …?"``, or empty if the search would be slow or pointless."""
     if not valid or len(valid) > 500 or len(name) > 100 or any(len(candidate) > 100 for candidate in valid):
@@ -74,10 +71,8 @@ class Findings:
         ordered = sorted(self._findings, key=lambda finding: finding.line or 0)
         for code in ("E_MORE", "W_MORE"):
             severity = _severity(code)
-            left_out = self._count[severity] - MOST_FINDINGS
-            if left_out > 0:
-                message = f"{left_out} more {severity}s are not listed"
-                ordered.append(Finding(severity, code, message, self._file))
+            if (left_out := self._count[severity] - MOST_FINDINGS) > 0:
+                ordered.append(Finding(severity, code, f"{left_out} more {severity}s are not listed", self._file))
         return tuple(ordered)
 
 
@@ -94,21 +89,15 @@ def read_regular_file(path: str | os.PathLike[str], findings: Findings, *, most_
         return files.read_regular_file(path, most_bytes)
     except UnreadableFileError as error:
         name = os.fspath(path)
-        code = _CODES.get(error.kind, "E_FILE_PERM")
-        message = error.reason
-        match error.kind:
-            case "missing":
-                note = " (~ is not expanded here: write the whole path)" if name.startswith("~") else ""
-                message = f"there is no file {shown(name)}{note}"
-            case "kind":
-                message = f"this is {error.found}; a regular file is needed"
-            case "permission":
-                message = "no permission to read this file"
-            case "size":
-                message = f"the file is over {most_bytes} bytes; the limits can be raised"
-            case _:
-                code = "E_FILE_PERM" if os.path.isfile(path) else "E_FILE_MISSING"
-        findings.add(code, message)
+        note = " (~ is not expanded here: write the whole path)" if name.startswith("~") else ""
+        known = {
+            "missing": ("E_FILE_MISSING", f"there is no file {shown(name)}{note}"),
+            "kind": ("E_FILE_KIND", f"this is {error.found}; a regular file is needed"),
+            "permission": ("E_FILE_PERM", "no permission to read this file"),
+            "size": ("E_TOO_BIG", f"the file is over {most_bytes} bytes; the limits can be raised"),
+        }
+        other = "E_FILE_PERM" if error.kind not in known and os.path.isfile(path) else "E_FILE_MISSING"
+        findings.add(*known.get(error.kind, (other, error.reason)))
         return None
 
 
@@ -186,8 +175,7 @@ def utf8_text(data: bytes) -> bytes:
 
 def _plain_utf8(data: bytes, limits: Limits) -> bytes:
     if len(data) > limits.file_bytes:
-        message = f"the file is over {limits.file_bytes} bytes; the limits can be raised"
-        raise _Refused("E_TOO_BIG", message, None)
+        raise _Refused("E_TOO_BIG", f"the file is over {limits.file_bytes} bytes; the limits can be raised", None)
     packed = next((name for start, name in PACKED.items() if data.startswith(start)), None)
     if packed is not None:
         raise _Refused("E_XML_SYNTAX", f"this is {packed}, not a URDF; unpack it first", 1)
@@ -196,8 +184,7 @@ def _plain_utf8(data: bytes, limits: Limits) -> bytes:
         raise _Refused("E_XML_EMPTY", "the file is empty; a <robot> element is needed", 1)
     if text.startswith("\ufeff"):
         raise _Refused("E_XML_SYNTAX", "two byte-order marks at the beginning; one is allowed", 1)
-    nul = text.find("\0")
-    if nul >= 0:
+    if (nul := text.find("\0")) >= 0:
         raise _Refused("E_XML_SYNTAX", "a NUL byte in the text; this is not XML", _line_of(text[:nul]))
     return _with_declared_utf8(text).encode()
 
@@ -209,7 +196,8 @@ def _decode(data: bytes) -> str:
     wide = next((name for name, starts in WIDE.items() if data.startswith(starts)), None)
     marked = wide or ("utf-8" if data.startswith(UTF8_MARK) else None)
     start = data[:LONGEST_DECLARATION].decode(wide or "latin-1", "ignore")
-    declared = _find_encoding(start.removeprefix("\ufeff").removeprefix(UTF8_MARK.decode("latin-1")))
+    match = DECLARATION.match(start.removeprefix("\ufeff").removeprefix(UTF8_MARK.decode("latin-1")))
+    declared = None if match is None else match[1]
     encoding = "utf-8" if declared is None else ENCODINGS.get(declared.lower())
     if encoding is None:
         raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(declared or '')} is not read; {READ}", 1)
@@ -224,15 +212,8 @@ def _decode(data: bytes) -> str:
         return data.decode(codec).removeprefix("\ufeff")
     except UnicodeDecodeError as problem:
         line = _line_of(data[: problem.start].decode(codec, "replace"))
-        what = (
-            f"byte 0x{data[problem.start]:02x} is not {codec.upper()}; save the file as UTF-8 or declare its encoding"
-        )
-        raise _Refused("E_XML_ENCODING", what, line) from None
-
-
-def _find_encoding(start: str) -> str | None:
-    match = DECLARATION.match(start)
-    return None if match is None else match[1]
+        what = f"byte 0x{data[problem.start]:02x} is not {codec.upper()}"
+        raise _Refused("E_XML_ENCODING", f"{what}; save the file as UTF-8 or declare its encoding", line) from None
 
 
 def _with_declared_utf8(text: str) -> str:
@@ -257,12 +238,9 @@ class _Builder:
         self._xacro: list[tuple[int, str]] = []
         self._declared: list[tuple[int, str]] = [(0, "xml"), (0, "xmlns")]
         self._wrong_name: tuple[int, str] | None = None
-        parser = expat.ParserCreate(encoding="utf-8")
-        self._parser = parser
-        parser.XmlDeclHandler = self._declaration
-        parser.StartDoctypeDeclHandler = self._doctype
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._end
+        self._parser = parser = expat.ParserCreate(encoding="utf-8")
+        parser.XmlDeclHandler, parser.StartDoctypeDeclHandler = self._declaration, self._doctype
+        parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         try:
             parser.Parse(data, True)
         except expat.ExpatError as problem:
@@ -283,18 +261,20 @@ class _Builder:
             raise _Refused("E_XML_ENCODING", f"the declared encoding {shown(encoding)} is not read; {READ}", 1)
 
     def _doctype(self, name: str, system: str | None, public: str | None, internal: int) -> None:
-        line = self._parser.CurrentLineNumber
-        if name.lower() == "html":
-            raise _Refused("E_XML_SYNTAX", "this is an HTML page (a failed download?), not a URDF", line)
+        is_page = name.lower() == "html"
         message = "a DOCTYPE is not allowed in a URDF; delete it (entities are never expanded)"
-        raise _Refused("E_XML_DTD", message, line)
+        message = "this is an HTML page (a failed download?), not a URDF" if is_page else message
+        raise _Refused("E_XML_SYNTAX" if is_page else "E_XML_DTD", message, self._parser.CurrentLineNumber)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         line = self._parser.CurrentLineNumber
         self._depth += 1
         self._elements += 1 + len(attributes)
         self._check_limits(tag, attributes, line)
-        self._note_xacro(tag, attributes, line)
+        if tag.startswith("xacro:"):
+            self._xacro.append((line, f"element <{tag[:40]}>"))
+        values = [(name, value) for name, value in attributes.items() if "${" in value or "$(" in value]
+        self._xacro += [(line, f"{name[:40]}={shown(value)}") for name, value in values]
         self._check_prefixes(tag, attributes, line)
         if self._opaque_depth is not None:
             return
@@ -320,8 +300,7 @@ class _Builder:
     def _check_limits(self, tag: str, attributes: dict[str, str], line: int) -> None:
         limits = self._limits
         if self._depth > limits.xml_depth:
-            message = f"elements are nested more than {limits.xml_depth} deep"
-            raise _Refused("E_XML_DEPTH", message, line)
+            raise _Refused("E_XML_DEPTH", f"elements are nested more than {limits.xml_depth} deep", line)
         if self._elements > limits.elements:
             message = f"more than {limits.elements} elements and attributes; the limits can be raised"
             raise _Refused("E_TOO_BIG", message, line)
@@ -340,13 +319,6 @@ class _Builder:
                 self._wrong_name = line, f"{shown(name)} is no name; one colon may follow a prefix"
             elif all(prefix != known for _, known in self._declared):
                 self._wrong_name = line, f"the prefix {shown(prefix)} of {shown(name)} is not declared"
-
-    def _note_xacro(self, tag: str, attributes: dict[str, str], line: int) -> None:
-        if tag.startswith("xacro:"):
-            self._xacro.append((line, f"element <{tag[:40]}>"))
-        for name, value in attributes.items():
-            if "${" in value or "$(" in value:
-                self._xacro.append((line, f"{name[:40]}={shown(value)}"))
 
 
 ZERO3: Final = (0.0, 0.0, 0.0)
@@ -392,7 +364,7 @@ BOUNDS: Final = ("lower", "upper", "effort", "velocity")
 ONCE_IN_JOINT: Final = (
     "origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "calibration", "safety_controller",
 )  # fmt: skip
-OFTEN_IN_ROBOT: Final = ("link", "joint", "material", "gazebo", "transmission", "ros2_control", "sensor")
+OFTEN_IN_ROBOT: Final = ("link", "joint", "material", *OPAQUE)
 GRAMMAR: Final[Mapping[str, Element]] = {
     "robot": Element({"name": TEXT, "version": TEXT}, often=frozenset(OFTEN_IN_ROBOT)),
     "link": Element({"name": TEXT, "type": TEXT}, frozenset({"inertial"}), frozenset({"visual", "collision"})),
@@ -474,8 +446,9 @@ class Owner:
         for child in node.children:
             if child.tag in once:
                 if child.tag in seen:
-                    text = f": <{child.tag}> occurs more than once in <{node.tag}>; keep one"
-                    self.say("E_DUP_ELEMENT", text, child.line)
+                    self.say(
+                        "E_DUP_ELEMENT", f": <{child.tag}> occurs more than once in <{node.tag}>; keep one", child.line
+                    )
                 seen.add(child.tag)
                 self.check_attributes(child)
             elif child.tag not in often:
@@ -512,8 +485,7 @@ class Owner:
             is_wide, unit, doubt = math.hypot(*vector) > LONGEST_REACH, "m", "; are these millimetres?"
         expected = "angles are in radians" if angles else "lengths are in metres"
         if abs(largest) > BEYOND_USE:
-            text = f"{what} contains {largest:g} {unit}, which is implausibly large; {expected}"
-            self.say("E_UNITS", text, line)
+            self.say("E_UNITS", f"{what} contains {largest:g} {unit}, which is implausibly large; {expected}", line)
         elif is_wide:
             self.say("W_UNITS", f"{what} holds {largest:g} {unit}{doubt} {expected}", line)
 
@@ -521,11 +493,11 @@ class Owner:
 def read_name(node: Node, findings: Findings) -> str | None:
     """Return the name of a robot, link or joint, or add an error and return None."""
     name = node.get("name")
-    if name is None:
-        findings.add("E_NO_NAME", f"this <{node.tag}> has no name", node.line)
-    elif not name.strip():
-        findings.add("E_EMPTY_NAME", f"the name of this <{node.tag}> is empty", node.line)
-    return name if name and name.strip() else None
+    if name is not None and name.strip():
+        return name
+    none, empty = f"this <{node.tag}> has no name", f"the name of this <{node.tag}> is empty"
+    findings.add(*(("E_NO_NAME", none) if name is None else ("E_EMPTY_NAME", empty)), node.line)
+    return None
 
 
 @final
