@@ -70,15 +70,18 @@ def test_the_depth_of_two_balls_is_the_sum_of_their_radii_less_their_distance(tm
             assert float(reason.split(", ")[1].split(" mm")[0]) == pytest.approx(1e3 * (0.5 - far), rel=5e-3, abs=1e-2)
 
 
-def test_a_link_that_is_swallowed_by_a_mesh_hits_it(tmp_path):
+@pytest.mark.parametrize("ball", ['<sphere radius="0.02"/>', '<mesh filename="ball.stl"/>'])
+def test_a_link_that_is_swallowed_by_a_mesh_hits_it(tmp_path, ball):
     trimesh.creation.box((1.2, 1.2, 1.2)).export(tmp_path / "box.stl")
-    chain = hook('<mesh filename="box.stl"/>', folder=tmp_path, fore='<sphere radius="0.02"/>')
+    trimesh.creation.icosphere(2, 0.02).export(tmp_path / "ball.stl")
+    chain = hook('<mesh filename="box.stl"/>', folder=tmp_path, fore=ball)
     elbow = np.linspace(-3.1, 3.1, 300)
     # the ball's centre lies 0.55 m or more from the elbow's other side: inside the cube of 0.6 m where |x|, |y| < 0.6
     x, y = 1 + 0.45 * np.cos(elbow), 0.45 * np.sin(elbow)
     gap = np.hypot(np.maximum(np.abs(x) - 0.6, 0), np.maximum(np.abs(y) - 0.6, 0))
     free = chain.collision_check.free(np.array([0 * elbow, elbow]))
-    assert (free == (gap > 0.02)).all()
+    sure = np.abs(gap - 0.02) > 1e-3  # the mesh has flat faces
+    assert (free == (gap > 0.02))[sure].all()
     inside = np.maximum(np.abs(x), np.abs(y)) < 0.57
     assert inside.any()
     assert not free[inside].any()
@@ -88,7 +91,7 @@ def test_coal_is_asked_only_of_meshes_that_may_touch(tmp_path, monkeypatch):
     """A ball between two plates 18 cm apart: it fits, or it hits them from the edge on that a ruler gives."""
     plates = [trimesh.creation.box((1.6, 1.6, 0.02)).apply_translation((0, 0, z)) for z in (-0.1, 0.1)]
     trimesh.util.concatenate([plate.subdivide().subdivide() for plate in plates]).export(tmp_path / "plates.stl")
-    elbow = np.random.default_rng(1).uniform(-3.1, 3.1, 600)
+    elbow = np.random.default_rng(1).uniform(-3.1, 3.1, 300)
     q = np.array([0 * elbow, elbow])
     beyond = np.maximum(np.abs(1 + 0.45 * np.cos(elbow)), np.abs(0.45 * np.sin(elbow))) - 0.8
     asked, collide = [], coal.collide
@@ -104,17 +107,6 @@ def test_coal_is_asked_only_of_meshes_that_may_touch(tmp_path, monkeypatch):
         assert not free[(beyond < 0.9 * rim) & (radius > 0.09)].any()
         assert len(asked) <= (~free).sum() + 10
         assert check.free(q[:, :15]).tolist() == free[:15].tolist()  # too few for compiled code
-
-
-def test_a_mesh_in_a_mesh_hits_it_where_no_surfaces_cross(tmp_path):
-    trimesh.creation.box((1.2, 1.2, 1.2)).export(tmp_path / "box.stl")
-    trimesh.creation.icosphere(2, 0.02).export(tmp_path / "ball.stl")
-    chain = hook('<mesh filename="box.stl"/>', folder=tmp_path, fore='<mesh filename="ball.stl"/>')
-    elbow = np.linspace(-3.1, 3.1, 300)
-    most = np.maximum(np.abs(1 + 0.45 * np.cos(elbow)), np.abs(0.45 * np.sin(elbow)))
-    free = chain.collision_check.free(np.array([0 * elbow, elbow]))
-    assert (free[np.abs(most - 0.6) > 0.0201] == (most > 0.6)[np.abs(most - 0.6) > 0.0201]).all()
-    assert (most < 0.57).sum() > 20
 
 
 def test_the_next_link_and_what_touches_at_joint_zero_are_not_looked_at(tmp_path):
@@ -318,6 +310,7 @@ def test_the_cube_has_no_pose_at_which_the_arm_is_kept_out(monkeypatch):
     turn = joint("turn", "revolute", "c", "tool", extra=limits)
     chain = chain_of(robot(*map(link, ("base", "a", "b", "c", "tool")), *slides, turn))
     cube, searched = cubes.Cube(1.9996, np.zeros(3)), cubes._poses_in_cube
+    monkeypatch.setattr(cubes, "_KNOWN", 2_000)  # of a table that only slides, Newton's steps reach all from anywhere
 
     def with_the_largest_given(tool):
         return searched(tool) if tool.avoids else (cube, cubes._follow(tool, cube))

@@ -27,7 +27,7 @@ def circular_distance(one, other) -> float:
 
 @pytest.mark.slow
 def test_a_ur5_has_the_branches_of_its_closed_form(ur5):
-    given = np.random.default_rng(3).uniform(-3, 3, (6, 16))
+    given = np.random.default_rng(3).uniform(-3, 3, (6, 6))
     wanted = np.moveaxis([ur5_pose(q) for q in given.T], 0, -1)
     found = inverse_kinematics(ur5, wanted)
     reached = np.moveaxis([ur5_pose(q) for q in found.q.T], 0, -1)
@@ -55,13 +55,12 @@ def test_the_nearest_to_the_reference_comes_first_by_its_nearest_turn(ur5):
 
 @pytest.mark.slow
 def test_solutions_do_not_depend_on_the_other_poses(ur5):
-    q = np.random.default_rng(4).uniform(-3, 3, (6, 4))
+    q = np.random.default_rng(4).uniform(-3, 3, (6, 2))
     wanted = ur5.at_columns(q).pose
     together, turned = inverse_kinematics(ur5, wanted), inverse_kinematics(ur5, wanted[:, :, ::-1])
-    for node in (0, 2):
-        own = together.q[:, together.node == node]
-        np.testing.assert_array_equal(own, inverse_kinematics(ur5, wanted[:, :, node]).q)
-        np.testing.assert_array_equal(own, turned.q[:, turned.node == 3 - node])
+    own = together.q[:, together.node == 0]
+    np.testing.assert_array_equal(own, inverse_kinematics(ur5, wanted[:, :, 0]).q)
+    np.testing.assert_array_equal(own, turned.q[:, turned.node == 1])
 
 
 def planar_arm(lower: float) -> Chain:

@@ -65,7 +65,7 @@ def values(chain: Chain, count: int, seed: int = 0) -> np.ndarray:
 def test_as_one_posture_at_a_time(name):
     """1e-12 of the largest number of its kind."""
     chain = CHAINS[name]
-    q = values(chain, 25)
+    q = values(chain, 6)
     many = chain.at_many(q)
     assert len(many) == q.shape[1]
     for k, column in enumerate(q.T):

@@ -110,22 +110,6 @@ def test_one_warning_off_the_chain_is_given_as_it_is():
     ]
 
 
-@pytest.mark.parametrize("name", ["pr2", "baxter"])
-def test_of_a_large_robot_every_warning_is_shown_or_counted(name):
-    whole = urdf.read(example_urdfs()[name])
-    for tip in (whole.leaves[0], whole.leaves[-1]):
-        way = whole.path(whole.root, tip)
-        if not any(joint.moves for joint in way) or any(joint.mimic is not None for joint in way):
-            continue
-        chain = Chain.from_robot(whole, tip)
-        shown = chain_findings(chain)
-        summed = [finding for finding in shown if finding.code == "W_OFF_CHAIN"]
-        counted = int(summed[0].message.split()[0]) if summed else 0
-        given = [finding for finding in whole.findings if finding.code != "W_BRANCHED"]
-        assert len(shown) - len(summed) + counted == len(given)
-        assert len(summed) <= 1
-
-
 @pytest.mark.slow
 def test_a_sheet_and_a_python_result_have_the_sum(tmp_path):
     (tmp_path / "r.urdf").write_bytes(robot(many=3))
@@ -144,9 +128,6 @@ def test_a_sheet_and_a_python_result_have_the_sum(tmp_path):
 
 
 ARM = random_arm(4)
-LINKS = ("base", "link1", "bracket", "link2", "half2", "link3", "link7", "tool", "finger")
-JOINTS = ("joint1", "split2", "bolt", "joint3", "flange", "finger_joint")
-ODD = ("root_joint", "joint000000", "link000001", "world", "a&b<'>", "%s", "$x$", "é", "\u0627")
 
 
 def renamed(names: dict[str, str]) -> str:
@@ -155,27 +136,6 @@ def renamed(names: dict[str, str]) -> str:
         for old, new in names.items():
             text = text.replace(f'<{kind}="{old}"', f'<{kind}="\0{new}"')
     return text.replace("\0", "")
-
-
-def results(text: str, tip: str, base: str | None, locked: tuple[str, ...]) -> list[np.ndarray]:
-    values = dict.fromkeys(locked, 0.3)
-    chain = Chain.from_robot(parse(text.encode(), "arm.urdf"), tip, base, locked=values)
-    posture = chain.with_payload(2.0, (0.1, 0.0, 0.2)).at(np.linspace(-1, 1, len(chain.joints)))
-    return [posture.pose, posture.load_torque, posture.link_wrench, posture.joint_jacobian]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("tip", "base", "locked"), [("tool", None, ()), ("link1", "tool", ("joint1", "joint5"))])
-def test_shared_names_change_nothing(tip, base, locked):
-    """With and without joints that Pinocchio removes from its model."""
-    plain = results(ARM, tip, base, locked)
-    changes = [{link: "joint1"} for link in LINKS[::4]]
-    changes += [dict(zip(LINKS, JOINTS, strict=False)), dict(zip(LINKS, ODD, strict=True))]
-    for names in changes:
-        escaped = {old: new.replace("&", "&amp;").replace("<", "&lt;") for old, new in names.items()}
-        found = results(renamed(escaped), names.get(tip, tip), base and names.get(base, base), locked)
-        for ours, theirs in zip(found, plain, strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
 
 
 def test_a_joint_may_have_the_name_of_the_tip_and_the_other_way_round():

@@ -27,9 +27,9 @@ def random_sixes(seed, count, size):
     return size * generator.uniform(-1, 1, (count, 6))
 
 
-@pytest.mark.fast(8)
+@pytest.mark.fast(6)
 @pytest.mark.parametrize("chart", CHARTS)
-@pytest.mark.parametrize("seed", range(14))
+@pytest.mark.parametrize("seed", range(6))
 def test_eq20_eq22_parameter_errors_move_the_tip_as_the_displacements_do(seed, chart):
     """At any size, at every q, in both charts, from six-vectors and from poses; and which parameters a chart uses."""
     chain = cases.random_chain(seed)
@@ -48,7 +48,7 @@ def test_eq20_eq22_parameter_errors_move_the_tip_as_the_displacements_do(seed, c
         np.testing.assert_allclose(arm.perturbed(errors).forward_kinematics(q), expected, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("joints", range(5))
+@pytest.mark.parametrize("joints", [0, 1, 4])
 @pytest.mark.parametrize("chart", CHARTS)
 def test_eq20_holds_for_parameters_anywhere(joints, chart):
     """Not only extracted ones: β in every cell, offsets, shifts, a base turn, and no joint at all."""
@@ -81,8 +81,8 @@ def test_eq20_by_hand_on_the_paper():
     assert complete["x_3"] == pytest.approx(1.770 * (np.cos(1e-3) - 1), abs=1e-15)
 
 
-@pytest.mark.fast(5)
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.fast(3)
+@pytest.mark.parametrize("seed", range(5))
 def test_frame_displacements_give_the_perturbed_tip_and_come_back_as_the_same_errors(seed):
     """All 5n+6 of them in chart "offsets"; in "complete" those without Δθ and Δd."""
     chain = cases.random_chain(seed)
@@ -98,21 +98,6 @@ def test_frame_displacements_give_the_perturbed_tip_and_come_back_as_the_same_er
             errors[: arm.joint_count] = 0
         back = mcpc.parameter_errors(arm, mcpc.frame_displacements(arm, errors), chart)
         np.testing.assert_allclose(back, errors, rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("chart", CHARTS)
-@pytest.mark.parametrize("direction", [0.3, -1.0])
-def test_continuity_where_denavit_hartenberg_jumps(direction, chart):
-    """Axis 3, parallel to axis 2 at 1.97 m, tilted by 1e-6 rad: errors of that order, where its offsets go far."""
-    arm = mcpc.from_chain(cases.paper_arm())
-    tilt = 1e-6
-    displacements = np.zeros((5, 6))
-    displacements[2, 3:5] = tilt * np.cos(direction), tilt * np.sin(direction)
-    errors = mcpc.parameter_errors(arm, displacements, chart)
-    assert 0.5 * tilt < np.abs(errors).max() < 4 * tilt  # lengths up to 1.97 + 1.77 m
-    names = arm.parameter_names
-    assert errors[names.index("beta_2")] == pytest.approx(tilt * np.sin(direction), abs=1e-11)
-    assert errors[names.index("alpha_2")] == pytest.approx(tilt * np.cos(direction), abs=1e-11)
 
 
 def twisted(value):

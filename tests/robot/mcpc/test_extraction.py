@@ -12,10 +12,9 @@ import precision_pin
 from precision_pin.base.errors import InputError
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.examples import example_urdfs
 from robot.mcpc import cases
 
-SEEDS = range(16)
+SEEDS = range(8)
 
 
 def shipped_arm():
@@ -55,7 +54,7 @@ def test_table_rows_are_laid_out_as_table_1_and_show_turns_and_slides():
         arm.alpha[1] = 0.0
 
 
-@pytest.mark.fast(8)
+@pytest.mark.fast(5)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_eq3_forward_kinematics_is_pinocchios_on_random_chains(seed):
     """And the ranges of what is chosen by sign."""
@@ -69,52 +68,6 @@ def test_eq3_forward_kinematics_is_pinocchios_on_random_chains(seed):
     assert np.abs(arm.beta[1:]).max() < 1e-11
     assert abs(np.cos(arm.beta[0])) > 0.1
     assert arm.base_turn in (0.0, np.pi / 2)
-
-
-TIPS = {
-    "ur5": "tool0", "panda": "panda_hand_tcp", "kinova": "j2s6s200_end_effector", "xarm7": "link_eef",
-    "z1": "gripperMover", "so101": "gripper_frame_link", "tiago": "arm_tool_link", "finger_edu": "finger_tip_link",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", TIPS)
-def test_r7_arms_of_example_robot_data(name):
-    """Reference case R7; the chain itself is compared with Pinocchio's and yourdfpy's in ``test_equations.py``."""
-    chain = Chain.from_urdf(example_urdfs()[name], tip=TIPS[name])
-    arm = mcpc.from_chain(chain)
-    assert np.abs(arm.beta[1:]).max() < 1e-11
-    q = np.random.default_rng(0).uniform(-3, 3, len(chain.joints))
-    np.testing.assert_allclose(arm.forward_kinematics(q), chain.at(q).pose, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(mcpc.to_placements(arm, arm, chain), chain.placements)
-
-
-@pytest.mark.fast(8)
-@pytest.mark.parametrize("seed", SEEDS)
-def test_frame_in_link_has_its_axis_on_the_joints_and_stands_where_the_partial_products_lead(seed):
-    """The z axis along the joint's, the origin on it and in the plane through the one before, normal to z.
-
-    Frame i after Q_i, by eqs 1-3 from the base, against Pinocchio's joint frame times frame_in_link.
-    """
-    chain = cases.random_chain(seed)
-    arm = mcpc.from_chain(chain)
-    for i, axis in enumerate(chain.axes, start=1):
-        frame = arm.frame_in_link[i]
-        np.testing.assert_allclose(frame[:3, 2], axis, rtol=0, atol=1e-14)
-        np.testing.assert_allclose(np.cross(frame[:3, 3], axis), 0, rtol=0, atol=1e-14)
-        joint_before = chain.placements[i - 1] @ frame
-        before = arm.frame_in_link[i - 1][:3, 3]
-        assert abs((joint_before[:3, 3] - before) @ joint_before[:3, 2]) < 1e-13
-    q = cases.random_values(chain, np.random.default_rng(seed))
-    model, _ = cases.pinocchio_model(chain)
-    data = model.createData()
-    cases.pin.forwardKinematics(model, data, q)
-    after = arm.forward_kinematics(q)
-    links = cases.literal_links(arm, q, np.zeros(5 * len(q) + 6))
-    for i in range(len(q), 0, -1):
-        after = after @ np.linalg.inv(links[i]) @ arm.joint_pose(i, q[i - 1])
-        np.testing.assert_allclose(data.oMi[i].homogeneous @ arm.frame_in_link[i], after, rtol=0, atol=1e-13)
-        after = after @ np.linalg.inv(arm.joint_pose(i, q[i - 1]))
-    np.testing.assert_allclose(after @ np.linalg.inv(arm.link_pose(0)), arm.frame_in_link[0], rtol=0, atol=1e-13)
 
 
 Z = (0, 0, 1)
@@ -190,8 +143,8 @@ def test_a_chain_without_joints_and_a_tilt_on_either_side_of_parallel_lose_nothi
         np.testing.assert_allclose(got, cases.pinocchio_tip(chain, [0.3, 0.4]), rtol=0, atol=1e-15)
 
 
-@pytest.mark.fast(6)
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.fast(4)
+@pytest.mark.parametrize("seed", range(6))
 def test_placements_make_an_equivalent_chain_and_build_the_perturbed_robot(seed):
     """By Pinocchio, at several configurations, against eqs 1-3 read letter by letter."""
     chain = cases.random_chain(seed)
@@ -207,14 +160,6 @@ def test_placements_make_an_equivalent_chain_and_build_the_perturbed_robot(seed)
         expected = cases.literal_tip(arm, q, errors)
         np.testing.assert_allclose(cases.pinocchio_tip(equivalent, q), expected, rtol=0, atol=2e-14)
         np.testing.assert_allclose(cases.pinocchio_tip(chain, q, built), expected, rtol=0, atol=1e-13)
-
-
-def test_joint_placements_turn_the_base():
-    arm = cases.random_mcpc(1, 3)
-    placements, axes = mcpc.joint_placements(arm)
-    q = [0.1, -0.2, 0.3]
-    got = cases.pinocchio_tip(cases.stand_in(placements, axes, arm.prismatic), q)
-    np.testing.assert_allclose(got, arm.forward_kinematics(q), rtol=0, atol=1e-15)
 
 
 def test_to_placements_touches_only_what_changed_and_moves_the_link_behind():

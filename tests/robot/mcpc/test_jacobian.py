@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
 
-ARM_SIZES = (0, 1, 2, 3, 6)
+ARM_SIZES = (0, 2, 6)
 
 
 def complex_derivatives(function, size):
@@ -101,8 +101,8 @@ def test_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
     np.testing.assert_allclose(arm.jacobian(q), expected, rtol=0, atol=2e-14)
 
 
-@pytest.mark.fast(4)
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.fast(2)
+@pytest.mark.parametrize("seed", range(4))
 def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
     """Position p' - p and δ = Log(R'Rᵀ) in base axes. T_s is blockdiag(R, R), not the adjoint of T."""
     chain = cases.random_chain(seed)
@@ -118,8 +118,8 @@ def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
     np.testing.assert_allclose(arm.jacobian_base(q), np.column_stack(columns), rtol=0, atol=2e-9)
 
 
-@pytest.mark.fast(5)
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.fast(3)
+@pytest.mark.parametrize("seed", range(5))
 def test_eq15_eq16_against_pinocchios_frame_kinematic_regressor(seed):
     """The regressor is the derivative of the tip to a right perturbation of every joint placement.
 
