@@ -32,8 +32,7 @@ from scipy import optimize
 
 from precision_pin.analyses.allocation.tolerances import Cost, Grades
 from precision_pin.analyses.map import first_order
-from precision_pin.base.arrays import Array, Fixed
-from precision_pin.base.arrays import Record
+from precision_pin.base.arrays import Array, Fixed, Record
 
 ROUNDING: Final = 1e-9
 """Relative excess of a limit that counts as rounding."""

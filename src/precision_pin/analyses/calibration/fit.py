@@ -39,9 +39,8 @@ from precision_pin.analyses.calibration.design import (
     stations_of_data,
 )
 from precision_pin.base import se3
-from precision_pin.base.arrays import Array, Record
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
-from precision_pin.base.arrays import Keys, Record
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import bounds_of
 from precision_pin.model.error_model import ErrorModel

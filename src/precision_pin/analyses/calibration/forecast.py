@@ -29,10 +29,9 @@ from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.space import Estimates
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
-from precision_pin.draws.space import Space
+from precision_pin.draws.space import Estimates, Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import preformatted

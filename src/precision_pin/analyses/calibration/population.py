@@ -24,15 +24,13 @@ from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3, units
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_number, check_path
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, UnitError, some, visible
 from precision_pin.base.files import UnreadableFileError, note_input, read_text_file, write_files
 from precision_pin.base.progress import steps_to
-from precision_pin.base.arrays import Keys, Record
 from precision_pin.draws.space import Space
 from precision_pin.export.as_built import AsBuilt
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.frame_models import displaced_arm
+from precision_pin.model.error_model import ErrorModel, displaced_arm
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
 from precision_pin.sheet.measurement import Measurement

@@ -19,10 +19,9 @@ from precision_pin.analyses.monte_carlo import demanded, verdict_line
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.result import Outcome
 from precision_pin.base.arguments import check_instance, check_items, check_memory, check_whole
-from precision_pin.base.arrays import Array
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, shortened, shown, visible, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.base.arrays import Keys, Record
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import check_seed

@@ -25,8 +25,8 @@ from precision_pin.model.pose_model import tangents
 from precision_pin.model.verdict_grounds import strained_findings
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, milli
-from precision_pin.robot.configurations import approach_entry, written_approach
 from precision_pin.robot.chain import Chain, pose_findings
+from precision_pin.robot.configurations import approach_entry, written_approach
 from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
 from precision_pin.sampling import Progress, check_progress

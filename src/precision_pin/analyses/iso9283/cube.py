@@ -31,7 +31,6 @@ from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import InputError
 from precision_pin.base.jit import cached_entry, call, inline
-from precision_pin.base.arrays import Keys, Record
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_set import PoseSet
 

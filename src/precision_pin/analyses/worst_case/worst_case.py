@@ -23,9 +23,8 @@ from scipy.spatial import ConvexHull
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arguments import check_number
-from precision_pin.base.arrays import Array, Fixed
+from precision_pin.base.arrays import Array, Fixed, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
-from precision_pin.base.arrays import Keys, Record
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import triangular_root
 from precision_pin.draws.space import Space
