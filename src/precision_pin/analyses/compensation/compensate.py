@@ -17,7 +17,7 @@ from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import AnalysisResult, list_warnings
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
-from precision_pin.base.arrays import Array, Fixed
+from precision_pin.base.arrays import Array, Fixed, Keys
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.model.error_model import ErrorModel
