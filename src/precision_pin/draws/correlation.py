@@ -12,7 +12,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Final, final
 
 import numpy as np
@@ -242,7 +242,7 @@ def covariance_of(first: Law, second: Law, correlation: float) -> float:
         return closed
     # a normal law goes first: its integral is cheaper
     for law, other in sorted(((first, second), (second, first)), key=lambda pair: not pair[0].is_normal):
-        single = law.covariance_by_scores(correlation, lambda further, law=other: _nodes(law, 1.0, _REACH + further))
+        single = law.covariance_by_scores(correlation, partial(_nodes_beyond, other))
         if single is not None:
             return single
     width = math.sqrt((1 - correlation) * (1 + correlation))
@@ -258,6 +258,10 @@ def covariance_of(first: Law, second: Law, correlation: float) -> float:
         ridge = np.exp(-(((y[near] - middle[:, None]) / width) ** 2) / 2)
         total += float(outer[rows] @ (ridge * inner[near]).sum(axis=1))
     return total
+
+
+def _nodes_beyond(law: Law, further: float) -> tuple[Array, Array]:
+    return _nodes(law, 1.0, _REACH + further)
 
 
 def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, final
+from typing import Final, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -209,7 +209,7 @@ class Space:
         """Return the numbers ``(d, N)`` for uniform numbers ``(d, N)``, by the inverse of each law."""
         # large and only read: not copied if already an array
         is_array = type(uniforms) is np.ndarray and uniforms.dtype == np.float64
-        u = uniforms if is_array else check_numbers("uniforms", uniforms)
+        u = cast("Array", uniforms) if is_array else check_numbers("uniforms", uniforms)
         if u.ndim != 2 or len(u) != self.size:
             raise InputError(f"uniforms of shape {u.shape}, expected ({self.size}, N)")
         self._check_sample_memory(u.shape[1])
