@@ -121,6 +121,16 @@ def test_a_place_adds_what_several_sources_do_to_it():
     np.testing.assert_allclose(apart, together, atol=1e-15)
 
 
+def test_the_end_comes_before_the_seat():
+    chain = seven_joint_arm()
+    both = [Frame(joint="joint3", rx=0.5), Frame(link="link2", ry=0.7)]
+    at = ErrorModel(chain, Space(), both).at(SEVEN_Q)
+    origin = at.posture.place_pose(chain.end(2))
+    moved = origin @ inserted([0, 0, 0, 0, 0.7, 0]) @ inserted([0, 0, 0, 0.5, 0, 0]) @ np.linalg.inv(origin)
+    expected = pose_error(moved @ at.posture.pose, at.posture.pose)
+    np.testing.assert_allclose(at.exact(NOTHING)[:, 0], expected, atol=1e-14)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Custom(Source):
     """Turns a place of its own about z."""

@@ -42,7 +42,16 @@ TUBE = {"link": "arm", "section": "tube", "outer_diameter": 0.06, "wall": 0.002,
 PARTS = {"link": "arm", "segments": (Segment(length=0.5, EI=1.0), Segment(EI=2.0))}
 SIX = {"joint": "hinge", "std": STD}
 
+SKEW, NEGATIVE = np.eye(6), np.eye(6)
+SKEW[0, 1] = 0.5
+NEGATIVE[:3, :3] = [[1, 0.9, 0.9], [0.9, 1, -0.9], [0.9, -0.9, 1]]
+
 SETTINGS = [
+    ("covariance", SIX | {"correlation": rows(SKEW)}, "must be symmetric"),
+    ("covariance", SIX | {"correlation": rows(NEGATIVE)}, "negative eigenvalue"),
+    ("covariance", HINGE | {"matrix": rows(np.full((6, 6), np.nan))}, "finite numbers"),
+    ("joint_compliance", HINGE | {"compliance": float("nan")}, "finite"),
+    ("length", {"frame": "tol", "parameters": (1e-3,)}, "named 'tol'; did you mean 'tool'"),
     ("axis_install", AXIS, "either radius: or diameter:"),
     ("axis_install", AXIS | {"radius": -1e-4}, "must not be negative"),
     ("axis_install", AXIS | {"radius": 1e-4, "span": 0.0}, "span of axis_install must be positive"),
@@ -170,6 +179,7 @@ def test_bearings_nearer_than_numbers_tell_are_refused():
 
 
 LINES = [
+    ("mounting: {at: floor, x: 1 mm}", "at: .*'base' or 'tool'"),
     ("backlash: {joint: joint1, backlash: 1 deg, band: 3 N}", "'N' in '3 N' is not a unit of torque; allowed: N[*]m, N[*]mm"),
     ("backlash: {joint: rail, backlash: 1 mm}", "the key 'band' is missing"),
     ("backlash: {joint: rail, backlash: 1 mm, band: 1 N, scope: day}", "scope: input should be 'unit', 'pose' or 'visit'"),
