@@ -550,7 +550,9 @@ _SINGLE: Final = ("attitude_std", "std", "cone", "mass")
 
 def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
     """Return the measurement of an entry; raise a :class:`SettingError` if one key is at fault."""
-    plane = entry.plane and tuple(_read(("plane", name), getattr(entry.plane, name)) for name in ("point", "normal"))
+    plane: Any = entry.plane and tuple(
+        _read(("plane", name), getattr(entry.plane, name)) for name in ("point", "normal")
+    )
     read = {name: _read((name,), getattr(entry, name)) for name in _READ}
     same = {name: getattr(entry, name) for name in ("kind", "base", "target_name", "base_name", "columns")}
     is_known = entry.target_known == "true"

@@ -49,21 +49,22 @@ def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
     tip = pp.Measurement(std=20e-6)
     q = np.repeat(random_poses(4, 6), 2, axis=1) + 1e-8 * np.arange(12)[None] % 2e-8
     readings = readings_of(real, q, tip, seed=4)
-    data = read_data(model, (q, readings), (tip,))
-    if isinstance(law, pp.Normal):  # by their numbers too
-        data = replace(data, group=np.arange(12.0) // 2)
+    data, size = read_data(model, (q, readings), (tip,)), 2
+    if isinstance(law, pp.Normal):  # two poses together, by their numbers
+        size = 4
+        data = replace(data, group=np.arange(12.0) // size)
     found = pp.calibrate(model, data, tip)
     assert found.improvement.grouped_by == ("groups" if data.group.size else "poses")
     assert bool(found.at_bounds) == isinstance(law, pp.Uniform)
     for k in (0, 6):
-        rest = [row for row in range(12) if row // 2 != k // 2]
+        rest = [row for row in range(12) if row // size != k // size]
         without = pp.calibrate(model, (q[:, rest], readings[rest]), tip, at=[q[:, k]])
         away = readings[k] - without.predict(q[:, k])[:3, 3]
         np.testing.assert_allclose(found.left_out[k], away, rtol=2e-2, atol=1e-6)
         if not found.at_bounds:
             covariance = without.poses[0].covariance_after[:3, :3] + np.eye(3) * tip.std**2
             np.testing.assert_allclose(found.std_left_out[k], np.sqrt(np.diag(covariance)), rtol=2e-2)
-    assert (found.improvement.groups, found.improvement.readings) == (6, 12)
+    assert (found.improvement.groups, found.improvement.readings) == (12 // size, 12)
     assert found.improvement.after == pytest.approx(found.rms("left out"), rel=1e-12)
 
 
