@@ -219,7 +219,7 @@ def test_estimates_stay_within_the_bounds_of_laws() -> None:
 def test_the_arm_that_is_left_has_the_error_forecast() -> None:
     """Its planted parameters are recovered, poses that were not measured are predicted, its samples are as forecast."""
     model, later = plain_model(), random_poses(4, 8, seed=9)
-    found = fit_of(model, random_poses(4, 15), seed=4, at=[*later.T, "work"])
+    found = fit_of(model, random_poses(4, 30), seed=4, at=[*later.T, "work"])
     truth = truth_of(model, found, 4)
     deviation = numbers(found.posterior.mean) - truth
     assert stats.chi2.sf(deviation @ np.linalg.solve(found.posterior.covariance, deviation), deviation.size) > 1e-3
@@ -324,8 +324,8 @@ def test_contact_recovers_a_robot_and_its_places(kind: str, tmp_path: Path) -> N
         guess = ((0.0, 0.0, 0.503), place[1])
     at = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, **{key: place})
     x = model.space.sample(3, 0, 1)[:, 0]
-    noise = np.random.default_rng(1).normal(0, at.std, (12, at.size))
-    q = touching(model, at, contact_poses(model.chain, at, 12).q, x, noise)
+    noise = np.random.default_rng(1).normal(0, at.std, (20, at.size))
+    q = touching(model, at, contact_poses(model.chain, at, 20).q, x, noise)
     free = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, base="free", **{key: guess})
     header = ", ".join(f"{name} [rad]" for name in model.chain.joint_names)
     np.savetxt(tmp_path / "touched.csv", q.T, "%.15g", delimiter=", ", header=header, comments="")
