@@ -162,6 +162,13 @@ def test_placements_make_an_equivalent_chain_and_build_the_perturbed_robot(seed)
         np.testing.assert_allclose(cases.pinocchio_tip(chain, q, built), expected, rtol=0, atol=1e-13)
 
 
+def test_joint_placements_turn_the_base():
+    arm = cases.random_mcpc(1, 3)
+    q = [0.1, -0.2, 0.3]
+    got = cases.pinocchio_tip(cases.stand_in(*mcpc.joint_placements(arm), arm.prismatic), q)
+    np.testing.assert_allclose(got, arm.forward_kinematics(q), rtol=0, atol=1e-15)
+
+
 def test_to_placements_touches_only_what_changed_and_moves_the_link_behind():
     chain = cases.random_chain(4)
     arm = mcpc.from_chain(chain)
