@@ -85,15 +85,19 @@ def test_a_limit_missed_on_the_map_or_along_the_path_is_exit_code_1(run, report,
 
 
 @pytest.mark.slow
-def test_an_allocation_has_a_section_and_its_answer_at_the_head(run, folder):
+def test_an_allocation_has_a_section_and_its_answer_at_the_head_and_a_compensation_a_section(run, folder):
+    (folder / "way.csv").write_text("joint4,joint3,joint2,joint1\n-1.588,1.536,0.0524,-1.571\n-1.4,1.3,0.1,-1.2\n")
     text = (folder / "4dof.errors.yaml").read_text()
     entry = "{path: 'axis_install[joint1].radius', cost: {reciprocal: 1 mm}, min: 0.05 mm}"
     (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n  specs: [30 mm @ 95 %]\n  tolerances: [{entry}]\n")
     asked = ("--samples", "2000", "--allocate", "--out")
-    assert run("report", "wanted.yaml", *asked, "page.html").code == 1
+    assert run("report", "wanted.yaml", "--compensate", "way.csv", *asked, "page.html").code == 1
     page = (folder / "page.html").read_text("utf-8")
     assert "Allocation: no allocation was found that meets position.norm 30 mm @ 95 %" in page.replace("&nbsp;", " ")
-    for said in ('href="#allocation"', "--allocate", "constant part", "axis_install[joint1].radius"):
+    for said in (
+        'href="#allocation"', "--allocate", "constant part", "axis_install[joint1].radius", 'href="#compensation"',
+        "--compensate way.csv",
+    ):  # fmt: skip
         assert said in page
     refused = run("report", "4dof.errors.yaml", *asked, "other.html")
     assert (refused.code, len(refused.said)) == (2, 1)

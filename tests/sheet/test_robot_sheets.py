@@ -113,9 +113,7 @@ def test_every_tolerance_has_a_citation_or_is_called_an_assumption(robot):
 
 @pytest.mark.parametrize("robot", MEASURED)
 def test_no_finding_about_the_sheet(robot):
-    if not example_urdfs():
-        pytest.skip("example-robot-data is not installed")
-    sheet = read(shipped_sheets()[robot])
+    sheet = model_of(robot).sheet
     assert [str(finding) for finding in sheet.findings if finding.file == sheet.file] == []
     assert tuple(sheet.poses) == POSES
 
