@@ -196,7 +196,7 @@ def measurements_of(
     if given is None and model.sheet is not None and model.sheet.measurements:
         return model.sheet.measurements
     listed = given if isinstance(given, list | tuple) and given else (given,)
-    return tuple(measurement_of(model, one, has_data=has_data) for one in listed)  # type: ignore[arg-type]
+    return tuple(measurement_of(model, one, has_data=has_data) for one in listed)
 
 
 def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:

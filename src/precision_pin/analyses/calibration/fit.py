@@ -347,7 +347,7 @@ def leave_out(
     pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
     throughs = [inverse.T @ one.leverage_root() for one in (estimator, *([] if local is estimator else [local]))]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
-    found = LeftOut(*np.zeros((2, *shape)), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
+    found = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
     shared, alone, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
     for group in np.unique(groups[rows]):
         own = np.flatnonzero(groups[rows] == group)
@@ -457,10 +457,10 @@ def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: 
     if has_prior and problem.unit.is_independent:
         # numbers farther from their means than their tolerances make likely
         expected = np.maximum(1 - np.diag(fit.estimator.covariance), 1e-12)
-        ratio = np.where(expected > 1e-6, np.abs(fit.z) / np.sqrt(expected), 0.0)
-        limit = float(stats.norm.isf(DOUBTFUL / 2 / len(ratio)))
-        for k in np.argsort(-ratio, kind="stable")[:3]:
-            if ratio[k] > limit:
+        ratios = np.where(expected > 1e-6, np.abs(fit.z) / np.sqrt(expected), 0.0)
+        limit = float(stats.norm.isf(DOUBTFUL / 2 / len(ratios)))
+        for k in np.argsort(-ratios, kind="stable")[:3]:
+            if ratios[k] > limit:
                 message = (
                     f"{problem.unit.names[k]} is estimated {fit.z[k]:+.3g} standard deviations from its mean; "
                     "doubt its tolerance, or an error that acts like it"
