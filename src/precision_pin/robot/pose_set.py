@@ -211,7 +211,9 @@ class PoseSet:
     def take(self, chosen: NDArray[np.intp]) -> PoseSet:
         """Return the poses at some positions, in that order."""
         given = {name: getattr(self, name) for name in field_names(PoseSet)}
-        taken: dict[str, Any] = {name: value[..., chosen] for name, value in given.items() if isinstance(value, np.ndarray)}
+        taken: dict[str, Any] = {
+            name: value[..., chosen] for name, value in given.items() if isinstance(value, np.ndarray)
+        }
         taken |= {name: tuple(given[name][k] for k in chosen) for name in ("names", "status")}
         return replace(self, **taken)
 
