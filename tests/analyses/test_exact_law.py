@@ -39,6 +39,22 @@ from precision_pin.sources.joint_offset import JointOffset
 from support.plain_robot import chain_of
 from support.sheets import slides
 
+
+def normal_norm(mean: np.ndarray, covariance: np.ndarray, radius: float, end: float = 400) -> float:
+    """Return P(|v| ≤ r) by Imhof's integral (Biometrika 48, 419, 1961)."""
+    variances, axes = np.linalg.eigh(covariance)
+    squares = (axes.T @ mean) ** 2
+    scale = variances.max()
+    lam, shift, x = variances / scale, squares / scale, radius**2 / scale
+
+    def integrand(u: float) -> float:
+        size = 1 + (lam * u) ** 2
+        angle = 0.5 * (np.arctan(lam * u) + shift * u / size).sum() - 0.5 * x * u
+        return math.sin(angle) / (u * (size**0.25).prod() * math.exp(0.5 * (shift * lam * u**2 / size).sum()))
+
+    return 0.5 - integrate.quad(integrand, 0, end, limit=2000)[0] / math.pi
+
+
 MM = 1e-3
 
 
@@ -81,6 +97,19 @@ def test_normal_draws_alone_are_one_normal_number():
     np.testing.assert_allclose(found.law.cumulative(x), stats.norm(1.5, 0.5).cdf(x), rtol=1e-12)
     for p, value in zip(LEVELS, found.quantiles, strict=True):
         assert value == pytest.approx(stats.norm(1.5, 0.5).ppf(p), abs=1e-12)
+
+
+@pytest.mark.slow
+def test_triangle_is_two_uniforms():
+    triangle = law_of_x(laws.Triangular(2.0)).law
+    both = law_of_x(laws.Uniform(1.0), laws.Uniform(1.0)).law
+    x = np.linspace(-2, 2, 41)
+    np.testing.assert_allclose(
+        triangle.cumulative(x), np.where(x < 0, (2 + x) ** 2 / 8, 1 - (2 - x) ** 2 / 8), atol=1e-15
+    )
+    np.testing.assert_allclose(both.density(x), (2 - np.abs(x)) / 4, atol=1e-14)
+    three, x = law_of_x(*[laws.Triangular(1.0)] * 3).law, np.array([-2.5, -1.5, 0.0, 1.2])
+    np.testing.assert_allclose(three.cumulative(x), [float(uniform_sum([0.5] * 6, v)) for v in x], atol=1e-13)
 
 
 # --- parts ---
@@ -250,6 +279,13 @@ def test_norms_against_chi_square_laws():
     r = np.linspace(*uneven.ends, 5)[1:-1]
     fine = number_law._ball(r, *uneven._axes[:2], 384)
     assert np.abs(uneven.cumulative(r) - fine).max() <= uneven.error
+
+
+@pytest.mark.slow
+def test_norm_of_three_different_variances_against_imhof():
+    mean, covariance = np.array([0.4, -0.3, 0.2]), np.diag([1.0, 0.5, 0.2])
+    found = NormalNorm(mean, covariance).cumulative(np.array([0.6, 1.5]))
+    assert found == pytest.approx([normal_norm(mean, covariance, radius, 2000) for radius in (0.6, 1.5)], abs=1e-6)
 
 
 def test_a_flat_far_vector_does_not_depend_on_axes():

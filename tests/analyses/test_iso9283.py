@@ -30,6 +30,14 @@ from precision_pin.sources import Backlash, JointOffset, Length, Thermal
 from sampling.cases import MODEL
 from support import plain_robot
 
+
+def joint_errors(scopes) -> pp.ErrorModel:
+    """Return the arm with a normal offset of a milliradian of each joint, of these scopes."""
+    draws = tuple(pp.Draw(f"j{k}", pp.Normal(1e-3), scope) for k, scope in enumerate(scopes))
+    sources = [JointOffset(joint=joint, offset=draw.name) for joint, draw in zip(JOINTS, draws, strict=False)]
+    return pp.ErrorModel(CHAIN, pp.Space(draws), sources)
+
+
 CHAIN = MODEL.chain
 
 
@@ -135,6 +143,31 @@ def test_limit_of_visits_that_are_not_normal():
     t = 30e-6
     found = pp.iso9283(tool_errors({"z": pp.Uniform(t)}, pp.Scope.VISIT), Q[:, :1], robots=5)
     assert found.poses["P1"].RP_limit.mean == pytest.approx(t / 2 + 3 * t / math.sqrt(12), rel=5e-3)
+    assert found.E is None
+    assert "unit" in found.absent["E"]
+
+
+@pytest.mark.slow
+def test_accuracy_is_the_law_of_one_visit_where_visits_do_not_scatter():
+    model = joint_errors([pp.Scope.UNIT] * 4)
+    found = pp.iso9283(model, Q, robots=3000, cycles=2, seed=2)
+    sampled = pp.sample_poses(model, Q, samples=3000, seed=2)
+    for p, forecast in enumerate(found.poses.values()):
+        assert forecast.AP.mean == pytest.approx(sampled.norm_mean[0, p], rel=1e-9)
+        assert forecast.AP.std == pytest.approx(sampled.norm_std[0, p], rel=1e-9)
+        low, high = sampled.quantile_interval[1, 0, :, p]
+        assert low <= forecast.AP.quantile(0.95) <= high
+        assert not forecast.RP.values.any()
+        assert not forecast.RP_limit.values.any()
+
+
+def test_encoder_resolution_belongs_to_accuracy():
+    """A draw of a pose is the same in all cycles there, and another at the next pose."""
+    found = pp.iso9283(joint_errors([pp.Scope.POSE] * 4), Q, robots=500)
+    first, second = found.poses["P1"], found.poses["P2"]
+    assert not first.RP.values.any()
+    assert first.AP.values.min() > 0
+    assert abs(stats.pearsonr(first.AP_x.values, second.AP_x.values).statistic) < 0.15
     assert found.E is None
     assert "unit" in found.absent["E"]
 

@@ -118,6 +118,24 @@ def test_failure_on_all_sides_at_one_in_ten_million():
     assert shifted.interval[0] <= 1e-7 <= shifted.interval[1]
 
 
+@pytest.mark.slow
+def test_uniform_numbers_in_the_far_tail():
+    """Six uniform numbers, Irwin-Hall: |x| above 5 of 6 half-widths are two corners of the cube, 2·0.5⁶/6!."""
+    half = 1e-3
+    model = slides([(1, 0, 0)] * 6, [laws.Uniform(half)] * 6)
+    exact = 2 * 0.5**6 / math.factorial(6)
+    found = of_x(model, 5.0 * half, 0.999, samples=20_000, confidence=0.999)  # half a width from the corner
+    rare = [estimate for estimate in found.estimates if estimate.method != "sampling"]
+    assert len(rare) == 2
+    for estimate in rare:
+        assert estimate.resolved
+        assert estimate.interval[0] <= exact <= estimate.interval[1]
+    assert found.resolved
+    assert len(found.form.points) == 2
+    assert found.best.method != "sampling"
+    assert "FORM" in found.disagreements[0]
+
+
 def test_nothing_found_is_said():
     model = slides([(1, 0, 0)], [laws.Uniform(1e-3)])
     result = reliability(model, [Specification("position.x", 2e-3, 0.95)], samples=1000)
@@ -524,6 +542,18 @@ def test_laws_of_values_only_are_enumerated_and_what_does_not_vary_is_certain():
     found = found_rare(still, lambda x: 1 - x.sum(axis=0), 0, samples=1000)
     assert found.resolved
     assert (found.best.probability, *found.best.interval) == pytest.approx((1e-5,) * 3, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("probability", [5e-5, 1e-3, 1e-6])
+def test_a_rare_jump_is_never_resolved_but_wrong(probability):
+    case = rare.jump(probability)
+    for seed in range(3):
+        _, best, resolved = rare.estimates_of(case, seed)
+        assert best.interval[0] <= case.probability * 1.001
+        assert best.interval[1] >= case.probability * 0.999
+        if resolved and best.method != "sampling":
+            assert best.probability == pytest.approx(case.probability, rel=0.1)
 
 
 @pytest.mark.slow

@@ -185,6 +185,16 @@ def test_lognormal_characteristic_function_by_a_fine_sum_along_another_path(spre
         assert seen == pytest.approx(complex(wave.sum() * 32 / 160_000), abs=1e-12), scaled
 
 
+def test_lognormal_characteristic_function_of_a_narrow_law_by_cumulants() -> None:
+    t = np.linspace(-3e4, 3e4, 13)
+    # with w = exp(σ²) = 1 + s², the third cumulant is (w - 1)²(w + 2), the fourth (w - 1)²(w⁴ + 2w³ + 3w² - 6)
+    s, w = 1e-4, 1 + 1e-8
+    third, fourth = s**4 * (w + 2), 16 * s**6
+    expected = np.exp(1j * t - s**2 * t**2 / 2 - 1j * third * t**3 / 6 + fourth * t**4 / 24)
+    # the fifth, about 125 s⁸, and the rounding of t·mean
+    np.testing.assert_allclose(Lognormal(s, 1.0).characteristic(t[None]), expected, rtol=0, atol=1e-11)
+
+
 @pytest.mark.slow
 def test_characteristic_functions_take_any_shape_and_any_number_of_frequencies() -> None:
     for law in (*SCALAR, Rows(((1.0,), (2.0,)))):
@@ -400,3 +410,9 @@ def test_no_spread_is_a_constant(law: Law) -> None:
     assert law.support([2.0]) == 3.0
     assert complex(law.characteristic([2.0])) == pytest.approx(np.exp(3j), abs=1e-15)
     assert law.interval(0) == (1.5, 1.5)
+
+
+@pytest.mark.parametrize("kind", [Disc, Circle])
+def test_radius_zero_is_the_origin(kind: Any) -> None:
+    np.testing.assert_array_equal(kind(0.0).sample(np.array([[0.3], [0.4]])), [[0.0], [0.0]])
+    assert complex(kind(0.0).characteristic([5.0, 1.0])) == 1

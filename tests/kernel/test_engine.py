@@ -330,6 +330,15 @@ def test_kept_errors_are_the_errors() -> None:
     assert sampler.observe_blocks(LAYOUT, PLAN, "linear", 5, 1, 1).errors is None
 
 
+def test_units_beyond_the_last_one_do_not_fail_the_run() -> None:
+    at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.99))
+    layout = sampler.to_arrays(at)
+    bad = int(np.flatnonzero(at.space.sample(0, 0, 10_000)[0] < 0)[0])
+    assert accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad).count == bad
+    with pytest.raises(InputError, match=f"sample {bad}: "):
+        accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad + 1)
+
+
 @pytest.mark.parametrize(
     ("first", "blocks", "samples"), [(-1, 1, None), (0, 0, None), (0, 2**20, None), (2, 1, 2 * BLOCK), (0, 1, 0)]
 )

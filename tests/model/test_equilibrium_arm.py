@@ -187,6 +187,23 @@ def test_the_fixed_point_by_another_route(arm):
         np.testing.assert_allclose(jacobian[:, column], expected, atol=3e-6 * np.abs(expected).max())
 
 
+@pytest.mark.slow
+def test_at_high_stiffness_and_without_loads_it_is_the_nominal_answer(arm):
+    """The difference is of second order in the deflection: a hundred times stiffer, ten thousand times less."""
+    gaps = []
+    for stiffness in (10.0, 1000.0):
+        one, two = (
+            loaded(arm, Fixed(stiffness), statics=statics).at(PAPER_Q).tangent[0]
+            for statics in ("nominal", "equilibrium")
+        )
+        gaps.append(np.linalg.norm(one - two))
+    assert gaps[0] / gaps[1] == pytest.approx(1e4, rel=0.05)
+    weightless = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
+    error, jacobian = loaded(weightless).at(PAPER_Q).tangent
+    np.testing.assert_allclose(error, 0, atol=1e-14)
+    np.testing.assert_allclose(jacobian, 0, atol=1e-12)
+
+
 # --- the slopes ---
 
 
@@ -388,6 +405,15 @@ def test_an_eccentric_column_bends_as_the_secant_formula_says():
         expected = 1e-4 * (1 / np.cos(np.pi / 2 * np.sqrt(ratio)) - 1)
         moved = -column(ratio).at().error_at_means[2]
         assert abs(moved) == pytest.approx(expected, rel=0.012 * ratio / (1 - ratio) + 1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("ratio", "aside"), [(1.02, 0.0), (1.5, 1e-4), (4.0, 0.01)])
+def test_a_column_past_eulers_load_is_refused(ratio, aside):
+    with pytest.raises(InputError, match="the arm buckles under its loads: beyond") as caught:
+        column(ratio, aside).at()
+    factor = float(caught.value.findings[0].message.split("beyond ")[1].split()[0])
+    assert factor == pytest.approx(1 / ratio, rel=0.01)
 
 
 def rod(forces: np.ndarray, offset: np.ndarray, rigidities: np.ndarray, count: int) -> np.ndarray:

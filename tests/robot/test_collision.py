@@ -109,6 +109,17 @@ def test_coal_is_asked_only_of_meshes_that_may_touch(tmp_path, monkeypatch):
         assert check.free(q[:, :15]).tolist() == free[:15].tolist()  # too few for compiled code
 
 
+def test_a_mesh_in_a_mesh_hits_it_where_no_surfaces_cross(tmp_path):
+    trimesh.creation.box((1.2, 1.2, 1.2)).export(tmp_path / "box.stl")
+    trimesh.creation.icosphere(2, 0.02).export(tmp_path / "ball.stl")
+    chain = hook('<mesh filename="box.stl"/>', folder=tmp_path, fore='<mesh filename="ball.stl"/>')
+    elbow = np.linspace(-3.1, 3.1, 300)
+    most = np.maximum(np.abs(1 + 0.45 * np.cos(elbow)), np.abs(0.45 * np.sin(elbow)))
+    free = chain.collision_check.free(np.array([0 * elbow, elbow]))
+    assert (free[np.abs(most - 0.6) > 0.0201] == (most > 0.6)[np.abs(most - 0.6) > 0.0201]).all()
+    assert (most < 0.57).sum() > 20
+
+
 def test_the_next_link_and_what_touches_at_joint_zero_are_not_looked_at(tmp_path):
     # the fore link is so long that it reaches the post at every angle: at joint zero too
     chain = hook('<sphere radius="0.3"/>', folder=tmp_path, fore='<box size="4 4 0.1"/>')

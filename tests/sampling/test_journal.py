@@ -7,8 +7,10 @@ import hashlib
 import io
 import json
 import os
+import resource
 import subprocess
 import sys
+import threading
 import time
 import tracemalloc
 import zipfile
@@ -192,6 +194,16 @@ def test_the_file_stays_small_however_many_records(file: Path, monkeypatch) -> N
     assert sorted(os.listdir(file.parent)) == [file.name]
 
 
+def test_what_a_process_killed_while_replacing_left_does_no_harm(file: Path, monkeypatch) -> None:
+    monkeypatch.setattr(journal_module, "MOST_RECORDS", 1)
+    (file.parent / "run.journal.part").write_bytes(b"half a fi")
+    with opened_by(file) as (journal, _):
+        for state in STATES:
+            journal.save(state)
+    assert_same_bits(state_in(file), STATES[-1])
+    assert sorted(os.listdir(file.parent)) == [file.name]
+
+
 @pytest.mark.slow
 def test_pauses_grow_with_the_run(file: Path, monkeypatch, no_waiting_for_disks) -> None:
     now = 0.0
@@ -253,6 +265,26 @@ def test_a_journal_that_cannot_be_begun_leaves_no_file(file: Path, monkeypatch) 
             pass
         monkeypatch.undo()
         assert os.listdir(file.parent) == []
+
+
+@pytest.mark.slow
+def test_a_run_that_a_real_limit_of_files_stops_goes_on(file: Path, monkeypatch) -> None:
+    """The largest file size of the process allows the beginning and a few states only."""
+    for name in ("SHORTEST_PAUSE", "LONGEST_PAUSE", "COST_OF_WRITING"):
+        monkeypatch.setattr(journal_module, name, 0)
+    before, alive = resource.getrlimit(resource.RLIMIT_FSIZE), threading.active_count()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, before[1]))
+    try:
+        with pytest.raises(OutputError, match=r"cannot write the journal .*: File too large; it holds the first"):
+            pp.monte_carlo(MODEL, samples=40 * BLOCK, threads=2, journal=file)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert file.stat().st_size <= 300_000
+    assert threading.active_count() == alive
+    told: list[str] = []
+    resumed = pp.monte_carlo(MODEL, samples=40 * BLOCK, journal=file, resume=True, tell=told.append)
+    assert int(told[0].split()[-2].replace(",", "")) > 0
+    assert resumed.to_json() == pp.monte_carlo(MODEL, samples=40 * BLOCK).to_json()
 
 
 def test_places_where_no_journal_can_be(tmp_path: Path, monkeypatch) -> None:
@@ -439,6 +471,20 @@ def test_an_error_keeps_what_was_done(file: Path) -> None:
     resumed = pp.monte_carlo(MODEL, "paper", journal=file, resume=True, tell=told.append, **settings)
     assert told == [f"the journal {file} holds the first {6 * BLOCK:,} samples"]
     assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", **settings).to_json()
+
+
+@pytest.mark.slow
+def test_a_run_may_end_before_it_began(file: Path) -> None:
+    class Never(Muddled):
+        def submit(self, function, /, *arguments):
+            raise KeyboardInterrupt
+
+    settings = {"samples": 3 * BLOCK, "journal": file}
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        pp.monte_carlo(MODEL, "paper", executor=Never(), **settings)
+    assert "holds the first 0 of" in stopped.value.__notes__[0]
+    resumed = pp.monte_carlo(MODEL, "paper", threads=1, resume=True, **settings)
+    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=3 * BLOCK).to_json()
 
 
 def test_records_are_forced_to_the_disk_before_they_count(file: Path, monkeypatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from concurrent.futures import Future
 from pathlib import Path
@@ -28,7 +29,17 @@ from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
 from precision_pin.sources import JointOffset
 from precision_pin.sources.backlash import Backlash
-from precision_pin.statistics import QUANTITIES, Specification, SpecificationResult, quantile_ranks, quantity_values
+from precision_pin.statistics import (
+    QUANTITIES,
+    Plan,
+    Specification,
+    SpecificationResult,
+    finish,
+    observe,
+    quantile_ranks,
+    quantity_values,
+    start,
+)
 from sampling.cases import AT, MODEL
 from support.checks.common import one_link
 from support.plain_robot import PlainRobot, geometric_jacobian
@@ -208,6 +219,14 @@ def test_as_a_dataset() -> None:
     assert data.attrs["samples"] == "1000"
     assert "precision-pin" in data.attrs["versions"]
     assert "3 poses" in repr(found)
+
+
+def test_an_interrupt_ends_the_run() -> None:
+    def interrupt(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sample_poses(MODEL, Q, samples=100, progress=interrupt)
 
 
 WRONG: list[tuple[Any, dict[str, Any], str]] = [
@@ -436,6 +455,21 @@ def test_quantiles_are_those_of_the_sorted_samples_where_the_first_order_vanishe
             # a bin is 1/512 of the distance from the middle, and a lognormal law's quantiles lie ten spreads away
             assert distribution.quantile_error(level) <= 0.03 * values.std(), (quantity, level)
     assert not any("W_BINS" in warning for warning in found.warnings)
+
+
+@pytest.mark.slow
+def test_squares_and_products_of_numbers_of_mean_zero():
+    """X₁² + X₂² of normal numbers has the median 2 ln 2; planned from first-order spreads it was eight times that."""
+    random = np.random.default_rng(1)
+    one, other = 5e-3 * random.standard_normal((2, 200_000))
+    errors = np.zeros((6, one.size))
+    errors[0], errors[1], errors[2] = one**2 + other**2, one * other, one
+    plan = Plan.from_pilot(quantity_values(errors[:, :512]), np.array([0, 0, 5e-2, 0, 0, 0]))
+    found = finish(plan, observe(plan, start(plan), errors))
+    assert found.position.x.quantile(0.5) == pytest.approx(2 * math.log(2) * 25e-6, rel=0.02)
+    for distribution, values in ((found.position.x, errors[0]), (found.position.y, errors[1])):
+        for level in distribution.levels:
+            assert distribution.quantile(level) == pytest.approx(np.quantile(values, level), abs=0.01 * values.std())
 
 
 @pytest.mark.slow

@@ -12,8 +12,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,13 @@ from sampling.cases import (
     wait_until,
     work,
 )
+
+
+class Unsendable:
+    """Object that kills the process in which it is unpickled."""
+
+    def __reduce__(self) -> tuple[Any, tuple[int]]:
+        return os._exit, (1,)
 
 
 @pytest.mark.slow
@@ -140,6 +148,16 @@ def test_work_in_flight_is_bounded_and_futures_are_released(workers: int, asked:
     assert executor.submitted == 40
     assert executor.most == most
     assert executor.alive == 0
+
+
+@pytest.mark.slow
+def test_a_broken_executor_that_was_handed_in_is_told_in_one_line() -> None:
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        with pytest.raises(InputError, match=r"the executor ProcessPoolExecutor failed: BrokenProcessPool: ") as told:
+            sampled(work(packages=(Unsendable(),)), chosen(None, None, pool, None))
+        assert "\n" not in str(told.value)
+        with pytest.raises(InputError, match=r"failed: BrokenProcessPool: "):  # now it breaks when a task is handed in
+            sampled(work(), chosen(None, None, pool, None))
 
 
 # workers that are lost -----------------------------------------------------------------------------------------------
@@ -276,6 +294,18 @@ def test_many_poses_that_were_stopped_go_on_with_the_same_bits(plain: str, tmp_p
     assert told == [f"the journal {file} holds the first 64 poses"]
     with pytest.raises(InputError, match=r"belongs to another run: .*the list of poses has changed"):
         pp.sample_poses(MODEL, POSES[:, ::-1], **RUN, journal=file, resume=True)
+
+
+@pytest.mark.slow
+def test_a_journal_of_other_poses_is_refused(tmp_path: Path):
+    file = tmp_path / "run.journal"
+    pp.sample_poses(MODEL, POSES[:, :2], **RUN, journal=file)
+    with pytest.raises(InputError, match=r"belongs to another run: .*the list of poses has changed"):
+        pp.sample_poses(MODEL, POSES[:, [1, 0]], **RUN, journal=file, resume=True)
+    with pytest.raises(InputError, match="already exists"):
+        pp.sample_poses(MODEL, POSES[:, :2], **RUN, journal=file)
+    with pytest.raises(InputError, match="resume needs a journal"):
+        pp.sample_poses(MODEL, POSES[:, :2], **RUN, resume=True)
 
 
 # processes -----------------------------------------------------------------------------------------------------------

@@ -16,9 +16,16 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import json_schema
 from precision_pin.sources import Beam, Payload
 from precision_pin.sources.beam import point_flexibility, stretch_flexibility, weight_flexibility
-from precision_pin.sources.profiles import Section, Segment, box, rod, tube
+from precision_pin.sources.profiles import MATERIALS, Section, Segment, box, rod, tube
 from support.checks.common import evaluated, one_link
 from support.oracles import torsion_constant
+
+RANDOM = {
+    "tube": ({"outer_diameter": 0.06, "wall": 0.002, "E": 7e10, "G": 2.7e10}, {}),
+    "rod": ({"diameter": 0.04, "E": 7e10}, {"poisson_ratio": 0.3}),
+    "box": ({"width": 0.04, "height": 0.06, "wall": 0.003, "E": 7e10, "G": 2.7e10}, {}),
+    "general": ({"area": 1e-4, "I_y": 3e-9, "I_z": 8e-9, "J": 5e-9, "E": 7e10, "G": 2.6e10}, {}),
+}
 
 L = 1.7
 GRAVITY = (3.0, -4.0, -8.0)
@@ -41,6 +48,16 @@ def test_a_weight_on_a_part_is_the_mean_of_point_loads(start, stop):
     mean[:, 3:] = 0.0  # a weight has no moment
     np.testing.assert_allclose(stretch_flexibility(L, start, stop), mean, rtol=1e-13, atol=1e-15)
     np.testing.assert_array_equal(stretch_flexibility(L, 0.0, L), weight_flexibility(L))
+
+
+def test_tube_of_the_steel_tables():
+    """CHS 60.3 x 3.2 in EN 10210-2: A 5.74 cm², I 23.5 cm⁴, I_t 46.9 cm⁴, 4.51 kg/m."""
+    section = tube(60.3e-3, 3.2e-3)
+    assert section.area * 1e4 == pytest.approx(5.74, abs=0.005)
+    assert section.I_y * 1e8 == pytest.approx(23.5, abs=0.05)
+    torsion = section.J * 1e8
+    assert torsion == pytest.approx(46.9, abs=0.05)
+    assert MATERIALS["steel"].density * section.area == pytest.approx(4.51, abs=0.005)
 
 
 # --- constants of sections ---
@@ -77,6 +94,14 @@ def test_torsion_of_a_box_is_bredts_formula_and_low_by_as_much_as_stated(width, 
     assert box(width, height, wall).J / exact - 1 == pytest.approx(-low, abs=0.001)
 
 
+def test_materials_are_consistent_and_named_with_their_source():
+    """G = E/(2(1 + ν)) with ν of metals; the aluminium of EN 1999-1-1 rounds G to 27 GPa."""
+    assert set(MATERIALS) == {"steel", "stainless_steel", "aluminium", "titanium"}
+    for material in MATERIALS.values():
+        assert 0.29 < material.E / (2 * material.G) - 1 < 0.35
+        assert material.source
+
+
 # --- in a beam ---
 
 
@@ -108,6 +133,35 @@ def test_axial_stiffness_at_the_end_is_force_over_metre():
     pulled = one_link(length=1.3, gravity=(9.81, 0.0, 0.0)).with_payload(2.0)
     (moved,) = evaluated(pulled, [0.0], [Beam(link="arm", axial_stiffness=5e5)])[1].values()
     np.testing.assert_allclose(moved, [2 * 9.81 / 5e5, 0, 0, 0, 0, 0], rtol=1e-14, atol=1e-18)
+
+
+@pytest.mark.fast(3)
+@pytest.mark.parametrize("weight", ["uniform", "section"])
+@pytest.mark.parametrize("shape", RANDOM)
+def test_slopes_to_random_dimensions_are_those_of_beams_made_anew(shape, weight):
+    """Every dimension and modulus, through formulas of at most 32 operations, against fourth-order differences."""
+    means, rest = RANDOM[shape]
+    means, rest = dict(means), {**rest, "section": shape, "self_weight": weight}
+    if weight == "section":
+        means["density"] = 2700.0
+    heavy = chain()
+    laws = {name: Uniform(0.01 * value, mean=value) for name, value in means.items()}
+    at = ErrorModel(heavy, Space(), [Beam(link="arm", **laws, **rest)]).at([0.2])
+    assert set(at.space.components) == {f"beam[arm].{name}" for name in means}
+    error, jacobian = at.tangent
+
+    def anew(name: str, factor: float) -> np.ndarray:
+        made = Beam(link="arm", **{**means, name: means[name] * factor}, **rest)
+        return ErrorModel(heavy, Space(), [made]).at([0.2]).tangent[0]
+
+    np.testing.assert_allclose(error, anew("E", 1.0), rtol=1e-13)
+    for name, mean in means.items():
+        h = 1e-3
+        near, far = (anew(name, 1 + s) - anew(name, 1 - s) for s in (h, 2 * h))
+        slope = (8 * near - far) / (12 * h * mean)
+        column = at.space.index[f"beam[arm].{name}"]
+        np.testing.assert_allclose(jacobian[:, column], slope, atol=1e-9 * np.abs(slope).max(), err_msg=name)
+        assert np.abs(slope).max() > 0
 
 
 def test_formulas_stay_below_the_limit_of_operations():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from precision_pin import Chain, ErrorModel, InputError, Posture, Source, Space, Term, Uniform
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.places import Load
@@ -35,6 +36,7 @@ from precision_pin.sources import (
 )
 from precision_pin.terms.source import Dependence
 from precision_pin.terms.term import JointValue
+from support.checks.common import one_link
 from support.dependence import hidden_dependence
 from support.plain_robot import chain_of, random_arm
 
@@ -211,6 +213,21 @@ def test_what_does_not_depend_on_the_posture_is_asked_for_once(monkeypatch):
         for k in range(5):
             model.at(np.full(7, 0.1 * k))
         assert len(asked) == times
+
+
+def test_deep_formulas_come_to_rest_as_shallow_ones_do():
+    """The same stiffness, written with more and more operations, leaves the arm at the same place."""
+    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0, 0))
+    space = Space((Draw("c", Uniform(1e-5, mean=1e-3)),))
+    formula = Component("c") * 2.0**-30
+    for _ in range(30):
+        formula = formula + formula  # shared: 2^30 ways down
+    models = [
+        ErrorModel(chain, space, [JointCompliance(joint="hinge", compliance=c)], statics="equilibrium")
+        for c in (Component("c"), formula)
+    ]
+    plain, deep = (model.at([0.2]).error_at_means for model in models)
+    np.testing.assert_allclose(deep, plain, rtol=1e-12, atol=1e-15)
 
 
 def test_formulas_with_shared_parts_are_compared_part_by_part():

@@ -173,6 +173,26 @@ def test_directions_are_those_of_the_file_from_either_end():
             np.testing.assert_allclose(direction_of(f"-{text}", back), -direction_of(text, back), atol=0)
 
 
+def test_values_limits_and_mimics_are_those_of_the_file_from_either_end():
+    """A finger that mimics a locked joint, and a joint beyond its upper limit: the same words from either end."""
+    text = robot(
+        *(link(name) for name in ("base", "arm", "hand", "finger")),
+        joint("low", "revolute", "base", "arm", (0.3, 0, 0), extra='<limit lower="-0.1" upper="0.2" effort="1" velocity="1"/>'),
+        joint("held", "revolute", "arm", "hand", (0.4, 0, 0)),
+        joint("grip", "prismatic", "hand", "finger", (0.1, 0, 0), extra='<mimic joint="held" multiplier="2" offset="0.1"/>'
+              '<limit lower="-7" upper="7" effort="1" velocity="1"/>'),
+    )  # fmt: skip
+    forth, back = (
+        chain_of(text, base=base, tip=tip, locked={"held": 0.3}) for base, tip in (("base", "hand"), ("hand", "base"))
+    )
+    assert dict(forth.locked) == dict(back.locked) == {"held": 0.3, "grip": pytest.approx(0.7)}
+    for q, wrong in ((-0.05, 0), (0.15, 0), (0.25, 1), (-0.15, 1)):
+        said = [[finding.message for finding in chain.at([q]).findings] for chain in (forth, back)]
+        assert said[0] == said[1]
+        assert len(said[0]) == wrong
+        np.testing.assert_allclose(back.at([q]).pose, np.linalg.inv(forth.at([q]).pose), atol=1e-15)
+
+
 def test_a_length_moves_what_lies_beyond_it_the_way_it_says():
     """A joint's origin, and all beyond it as seen from the base, goes along +axis: of the file, from either end."""
     forth, back = chains()

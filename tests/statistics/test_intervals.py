@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import math
 from fractions import Fraction
 from pathlib import Path
@@ -38,6 +39,13 @@ from precision_pin.statistics.intervals import (
     upper_bound_rank,
 )
 from precision_pin.statistics.summary import SpecificationResult, capability_index
+
+KEYS = "mean std min max mode quantiles quantile_interval quantile_error mean_interval std_interval mode_interval"
+
+
+JUDGED = (
+    "quantity limit required probability interval met verdict judged why_not_judged taken_as_exact cpk cpk_interval"
+)
 
 
 def at_most(k: int, samples: int, p: Fraction) -> Fraction:
@@ -471,6 +479,36 @@ def test_what_is_not_resolved_is_said_to_be_so() -> None:
     assert [norm.resolution(which) for which in (0.9973, "max", 0.5)] == [None, 6, 1]
     with pytest.raises(UnknownNameError, match="median"):
         norm.resolution("median")
+
+
+def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
+    errors = np.random.default_rng(26).standard_normal((6, 1300)) * 1e-3
+    plan = Plan(np.zeros(8), np.full(8, 1e-3), (Specification("attitude.norm", 1e-3, 0.9),))
+    summary = finish(plan, observe(plan, start(plan), errors))
+    read = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
+    parts = {"position", "attitude", "covariance", "covariance_interval", "spec"}
+    assert set(read) == {"samples", "confidence", *parts}
+    for vector in ("position", "attitude"):
+        assert list(read[vector]) == ["norm", "x", "y", "z"]
+        for part, entry in read[vector].items():
+            assert list(entry) == [*KEYS.split(), "tolerance_bounds"]
+            assert list(entry["tolerance_bounds"]) == ["0.95", "0.99", "0.9973"]
+            # Wilks: one-sided bounds need 1108 samples, two-sided ones 1756
+            assert (entry["tolerance_bounds"]["0.9973"] is None) == (part != "norm")
+            for which in ("mean", "std"):
+                low, high = entry[f"{which}_interval"]
+                assert low < entry[which] < high
+            common = ["0.5", "0.95", "0.99", "0.9973"]
+            assert list(entry["quantiles"]) == (common if part == "norm" else ["0.00135", "0.01", "0.05", *common])
+            assert list(entry["quantile_interval"]) == list(entry["quantiles"])
+            assert entry["quantiles"]["0.9973"] is None
+            assert entry["quantile_interval"]["0.9973"] is None
+            low, high = entry["quantile_interval"]["0.5"]
+            assert low < entry["quantiles"]["0.5"] < high
+    assert set(read["spec"][0]) == set(JUDGED.split())
+    assert np.shape(read["covariance"]) == (6, 6)
+    assert np.shape(read["covariance_interval"]) == (6, 6, 2)
+    assert read["covariance"][0][0] == pytest.approx(read["position"]["x"]["std"] ** 2, rel=1e-12)
 
 
 def test_the_capability_index_is_that_of_the_share_inside():

@@ -100,6 +100,21 @@ def test_frame_displacements_give_the_perturbed_tip_and_come_back_as_the_same_er
         np.testing.assert_allclose(back, errors, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("chart", CHARTS)
+@pytest.mark.parametrize("direction", [0.3, -1.0])
+def test_continuity_where_denavit_hartenberg_jumps(direction, chart):
+    """Axis 3, parallel to axis 2 at 1.97 m, tilted by 1e-6 rad: errors of that order, where its offsets go far."""
+    arm = mcpc.from_chain(cases.paper_arm())
+    tilt = 1e-6
+    displacements = np.zeros((5, 6))
+    displacements[2, 3:5] = tilt * np.cos(direction), tilt * np.sin(direction)
+    errors = mcpc.parameter_errors(arm, displacements, chart)
+    assert 0.5 * tilt < np.abs(errors).max() < 4 * tilt  # lengths up to 1.97 + 1.77 m
+    names = arm.parameter_names
+    assert errors[names.index("beta_2")] == pytest.approx(tilt * np.sin(direction), abs=1e-11)
+    assert errors[names.index("alpha_2")] == pytest.approx(tilt * np.cos(direction), abs=1e-11)
+
+
 def twisted(value):
     poses = np.tile(np.eye(4), (5, 1, 1))
     poses[3, 0, 1] = value

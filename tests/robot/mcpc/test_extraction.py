@@ -70,6 +70,35 @@ def test_eq3_forward_kinematics_is_pinocchios_on_random_chains(seed):
     assert arm.base_turn in (0.0, np.pi / 2)
 
 
+@pytest.mark.fast(8)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_frame_in_link_has_its_axis_on_the_joints_and_stands_where_the_partial_products_lead(seed):
+    """The z axis along the joint's, the origin on it and in the plane through the one before, normal to z.
+
+    Frame i after Q_i, by eqs 1-3 from the base, against Pinocchio's joint frame times frame_in_link.
+    """
+    chain = cases.random_chain(seed)
+    arm = mcpc.from_chain(chain)
+    for i, axis in enumerate(chain.axes, start=1):
+        frame = arm.frame_in_link[i]
+        np.testing.assert_allclose(frame[:3, 2], axis, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(np.cross(frame[:3, 3], axis), 0, rtol=0, atol=1e-14)
+        joint_before = chain.placements[i - 1] @ frame
+        before = arm.frame_in_link[i - 1][:3, 3]
+        assert abs((joint_before[:3, 3] - before) @ joint_before[:3, 2]) < 1e-13
+    q = cases.random_values(chain, np.random.default_rng(seed))
+    model, _ = cases.pinocchio_model(chain)
+    data = model.createData()
+    cases.pin.forwardKinematics(model, data, q)
+    after = arm.forward_kinematics(q)
+    links = cases.literal_links(arm, q, np.zeros(5 * len(q) + 6))
+    for i in range(len(q), 0, -1):
+        after = after @ np.linalg.inv(links[i]) @ arm.joint_pose(i, q[i - 1])
+        np.testing.assert_allclose(data.oMi[i].homogeneous @ arm.frame_in_link[i], after, rtol=0, atol=1e-13)
+        after = after @ np.linalg.inv(arm.joint_pose(i, q[i - 1]))
+    np.testing.assert_allclose(after @ np.linalg.inv(arm.link_pose(0)), arm.frame_in_link[0], rtol=0, atol=1e-13)
+
+
 Z = (0, 0, 1)
 
 
