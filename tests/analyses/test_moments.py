@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tracemalloc
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from precision_pin.analyses.moments.moments import Measured, deviations, moments
+from precision_pin.analyses.moments.moments import Measured, deviations, moments, table
 from precision_pin.analyses.moments.moments_control import Control
 from precision_pin.base.errors import InputError
 from precision_pin.draws import laws
@@ -373,6 +374,14 @@ def test_result_as_json_table_and_page(paper, method):
     assert "|d|" in page
     assert ("±" in page.split("<table>")[1].split("</table>")[0]) == (method != "closed")
     assert method in repr(found)
+
+
+def test_what_too_few_points_resolve_is_a_dash_and_null():
+    rare = Draw("turn", laws.Empirical([[0.0, 0.0], [0.99999, 0.0], [1.0, 0.01]]))
+    result = moments(arm(rare), samples=1024, method="sobol")
+    assert "nan" not in str(table(result)) + result._repr_html_()
+    assert re.search(r"^dy +mm +- +- +- +-$", table(result), re.MULTILINE)
+    assert json.loads(json.dumps(result.to_dict(), allow_nan=False))["poses"][0]["mean"]["value"][1] is None
 
 
 def test_deviations_of_variances():

@@ -69,7 +69,7 @@ def plus_minus(value: float | None, half_width: float | None, *, decimals: int =
     The half-width is rounded up and covers the rounding of the value, so the printed interval contains the true one.
     ``decimals`` limits the digits behind the point; ``signed`` gives a positive value its sign.
     """
-    if value is None or half_width is None:
+    if value is None or half_width is None or not math.isfinite(half_width):
         return "-"
     if half_width == 0:
         return f"{value + 0.0:.{_DIGITS}g}"

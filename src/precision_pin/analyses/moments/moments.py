@@ -664,6 +664,7 @@ def moment_rows(pose: PoseMoments) -> list[list[str]]:
             bias = plus_minus(1e3 * float(pose.bias.value[index]), 1e3 * half, decimals=9)
             spread = float(pose.first_order_std[index])
             first = milli(spread)
-            ratio = "-" if std is None or not spread else f"{std[0] / spread:.6g}"
+            if std is not None and spread and np.isfinite(std[0]):
+                ratio = f"{std[0] / spread:.6g}"
         rows.append([symbol(quantity), unit(quantity), cell(mean), bias, cell(std), first, ratio])
     return rows
