@@ -13,7 +13,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.coverage.row import Coverage
-from precision_pin.analyses.monte_carlo import table
+from precision_pin.analyses.monte_carlo import statistic
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
@@ -123,7 +123,7 @@ class Tally:
         shown: tuple[str | float, ...] = ("mean", "std", "mode", *found.levels)
         for which in shown:
             ends = found.interval(which)
-            held = ends is not None and _within(float(table.statistic(found, which)), (1e3 * ends[0], 1e3 * ends[1]))
+            held = ends is not None and _within(float(statistic(found, which)), (1e3 * ends[0], 1e3 * ends[1]))
             self.add("digits printed", given=ends is not None, held=held)
 
     def rows(self, case: str, truth: str) -> list[Coverage]:

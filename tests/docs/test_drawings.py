@@ -143,7 +143,7 @@ def sentences(tree: ast.Module) -> Iterator[str]:
 
 def filled_in(node: ast.expr) -> str:
     """Return {VERDICT} for a verdict in capitals: its own word, or what is said of it with its grounds."""
-    return "{VERDICT}" if re.search(r"verdict.*\.upper\(\)|\.said\b", ast.unparse(node)) else "{}"
+    return "{VERDICT}" if re.search(r"verdict.*\.(upper|capitalize)\(\)|\.said\b", ast.unparse(node)) else "{}"
 
 
 @pytest.mark.slow

@@ -266,7 +266,7 @@ def test_a_pose_that_a_source_refuses_is_refused_when_its_turn_comes_and_wrong_o
 
 
 def test_tables_of_more_poses_than_are_placed_at_once(monkeypatch):
-    monkeypatch.setattr("precision_pin.model.error_model._AT_ONCE", 3)
+    monkeypatch.setattr("precision_pin.model.error_model.AT_ONCE", 3)
     model = ErrorModel(CHAINS["a payload"], Space(), [JointOffset(joint="joint4", offset=1e-3)])
     q = values(model.chain, 8, seed=9)
     np.testing.assert_array_equal([at.posture.q for at in model.at_many(q)], q.T)

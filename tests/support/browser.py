@@ -55,6 +55,8 @@ def chromium(**options: object) -> Iterator[BrowserContext]:
         playwright = sync_playwright().start()
         _shared.append((playwright, playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))))
     context = _shared[0][1].new_context(**{"viewport": {"width": 1280, "height": 800}, **options})  # type: ignore[arg-type]
+    # drawn by processors that other tests use at the same time
+    context.set_default_timeout(120_000)
     try:
         yield context
     finally:

@@ -289,6 +289,8 @@ def paths_of_approach(jacobian: Array) -> list[tuple[int, ...]]:
     return [tuple(int(sign) for sign in column) for column in signs.T]
 
 
+# configurations that steps start from, drawn evenly between the limits
+_KNOWN: Final = 40_000
 _SEED: Final = 9283
 _NEAREST: Final = 10
 _NEIGHBOURS: Final = 6
@@ -399,8 +401,7 @@ class ToolPoses:
     def _known(self) -> tuple[Array, Array]:
         """Configurations ``(n, K)``, and position of the target and scaled axes of the tool, ``(K, 3 or 12)``."""
         low, high = self._limits
-        # configurations that steps start from, drawn evenly between the limits
-        q = low[:, None] + (high - low)[:, None] * np.random.default_rng(_SEED).random((low.size, 40_000))
+        q = low[:, None] + (high - low)[:, None] * np.random.default_rng(_SEED).random((low.size, _KNOWN))
         pose = self.chain.at_columns(q).pose
         return q, self._features(pose[:3, 3] + np.einsum("ijn,j->in", pose[:3, :3], self.target), pose[:3, :3])
 

@@ -12,21 +12,40 @@ from functools import cache
 from types import MappingProxyType
 from typing import Final
 
-from precision_pin.draws.laws.law import Law as Law
-from precision_pin.draws.laws.lognormal import Lognormal as Lognormal
-from precision_pin.draws.laws.measured import Empirical as Empirical
-from precision_pin.draws.laws.measured import JointNormal as JointNormal
-from precision_pin.draws.laws.measured import Rows as Rows
-from precision_pin.draws.laws.measured import TwoPoint as TwoPoint
-from precision_pin.draws.laws.projection import FARTHEST_NORMAL as FARTHEST_NORMAL
-from precision_pin.draws.laws.symmetric import Arcsine as Arcsine
-from precision_pin.draws.laws.symmetric import Circle as Circle
-from precision_pin.draws.laws.symmetric import Disc as Disc
-from precision_pin.draws.laws.symmetric import Fixed as Fixed
-from precision_pin.draws.laws.symmetric import Normal as Normal
-from precision_pin.draws.laws.symmetric import Triangular as Triangular
-from precision_pin.draws.laws.symmetric import TruncatedNormal as TruncatedNormal
-from precision_pin.draws.laws.symmetric import Uniform as Uniform
+from precision_pin.draws.laws.law import Law
+from precision_pin.draws.laws.lognormal import Lognormal
+from precision_pin.draws.laws.measured import Empirical, JointNormal, Rows, TwoPoint
+from precision_pin.draws.laws.projection import FARTHEST_NORMAL
+from precision_pin.draws.laws.symmetric import (
+    Arcsine,
+    Circle,
+    Disc,
+    Fixed,
+    Normal,
+    Triangular,
+    TruncatedNormal,
+    Uniform,
+)
+
+__all__ = [
+    "FARTHEST_NORMAL",
+    "LAWS",
+    "Arcsine",
+    "Circle",
+    "Disc",
+    "Empirical",
+    "Fixed",
+    "JointNormal",
+    "Law",
+    "Lognormal",
+    "Normal",
+    "Rows",
+    "Triangular",
+    "TruncatedNormal",
+    "TwoPoint",
+    "Uniform",
+    "laws_of_sheets",
+]
 
 LAWS: Final[tuple[type[Law], ...]] = (
     Fixed,

@@ -445,11 +445,11 @@ class Looks:
         self._defined.add(name)
 
     def _report_material(self, node: Node, owner: str, problem: _Bad) -> None:
-        self._report(node, f"{owner}: material {shown(node.get('name') or '')} {problem}", "MATERIAL")
+        self._report(node, f"{owner}: material {shown(node.get('name') or '')} {problem}", "W_MATERIAL", "E_MATERIAL")
 
-    def _report(self, node: Node, message: str, kind: str) -> None:
-        severity, more = ("E", "; text with printf directives is refused") if _misleads(node) else ("W", "")
-        self._findings.add(f"{severity}_{kind}", message + more, node.line)
+    def _report(self, node: Node, message: str, usual: str, dangerous: str) -> None:
+        code, more = (dangerous, "; text with printf directives is refused") if _misleads(node) else (usual, "")
+        self._findings.add(code, message + more, node.line)
 
     def _shape(self, node: Node, owner: str, colours: dict[str, Colour]) -> tree.Shape | None:
         try:
@@ -457,7 +457,7 @@ class Looks:
             xyz, rpy = _vector(origin, "xyz"), _vector(origin, "rpy")
             geometry = self._geometry(node, owner)
         except _Bad as bad:
-            self._report(node, f"{owner}: this {node.tag} is left out: {bad}", "GEOMETRY")
+            self._report(node, f"{owner}: this {node.tag} is left out: {bad}", "W_GEOMETRY", "E_GEOMETRY")
             return None
         if geometry is None:
             return None
