@@ -165,9 +165,7 @@ def page(
     rows = (
         ("robot", escaped(posture.chain.robot.name)),
         ("from – to", escaped(f"{posture.chain.base} – {posture.chain.tip_label}")),
-        ("pose", spans["caption-pose"]),
-        ("joints", spans["caption-joints"]),
-        ("samples", spans["caption-samples"]),
+        *((row, spans[f"caption-{row}"]) for row in ("pose", "joints", "samples")),
         ("seed", escaped(str(seed))),
         ("model", escaped(model_name)),
         ("factor", f"<span id='caption-factor'>{first_factor:,g}</span>"),
@@ -178,19 +176,8 @@ def page(
     label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
     deflected = any(np.any(one.deflected) for one in data)
     how = "deflected by its mean loads" if deflected else "the same as without error"
-    built = f"arms of {len(data[0].ghosts)} sampled robots, as built"
-    has_ghosts = all(one.ghosts for one in data)
-    none = "arms as built: none, the errors are not those of this seed"
-    drawn = [one for one in specifications if one.quantity.startswith("position")]
-    limits = "; ".join(map(limit_text, drawn)) or "none on the position; --spec states one"
-    lines = [
-        f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i>'
-        f"<span>{escaped(text)}</span></label></li>"
-        for name, mark, text, state in (
-            ("ghosts", "arm ghost", built if has_ghosts else none, "" if has_ghosts else " disabled"),
-            ("limit", "ball limit", f"limit: {limits}", " checked" if drawn else " disabled"),
-        )
-    ]
+    is_limit_drawn = any(one.quantity.startswith("position") for one in specifications)
+    ghosts_line, limit_line = _optional_layers(data, specifications, is_limit_drawn)
     viewer, script = _scripts()
     return string.Template(asset("page.html")).substitute(
         policy=f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; "
@@ -228,10 +215,31 @@ def page(
         no_deflected="" if deflected else " disabled",
         no_ellipsoids="" if any(one.ellipsoids for one in data) else " disabled",
         # a drawn limit is among the first four
-        fourth=lines[bool(drawn)],
-        under_more=lines[not drawn],
+        fourth=limit_line if is_limit_drawn else ghosts_line,
+        under_more=ghosts_line if is_limit_drawn else limit_line,
         no_shares="" if groups.names else " disabled",
     )
+
+
+def _optional_layers(data: Sequence[PoseData], specifications: Sequence[Specification], is_drawn: bool) -> list[str]:
+    """Return the boxes of the arms as built and of the limit on the position, which not every page has."""
+    has_ghosts = all(one.ghosts for one in data)
+    built = f"arms of {len(data[0].ghosts)} sampled robots, as built"
+    none = "arms as built: none, the errors are not those of this seed"
+    limits = "; ".join(limit_text(one) for one in specifications if one.quantity.startswith("position"))
+    return [
+        f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i>'
+        f"<span>{escaped(text)}</span></label></li>"
+        for name, mark, text, state in (
+            ("ghosts", "arm ghost", built if has_ghosts else none, "" if has_ghosts else " disabled"),
+            (
+                "limit",
+                "ball limit",
+                f"limit: {limits or 'none on the position; --spec states one'}",
+                " checked" if is_drawn else " disabled",
+            ),
+        )
+    ]
 
 
 def _picture(posture: Posture, positions: Array, factor: float, direction: Array, label: str) -> str:
