@@ -38,7 +38,11 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Of the cases of a test marked ``fast(n)``, n spread evenly run in the fast run; the others are slow."""
+    """Of the cases of a test marked ``fast(n)``, n spread evenly run in the fast run; tests with a browser come last.
+
+    At first a worker's other tests and the build of the site leave a browser no processor to draw with.
+    """
+    items.sort(key=lambda item: any("Chromium" in str(mark.kwargs) for mark in item.iter_markers("skipif")))
     cases: dict[tuple[Path, str], list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("fast") and not item.get_closest_marker("slow"):
