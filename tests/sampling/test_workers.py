@@ -535,7 +535,7 @@ def test_a_cluster_gives_the_same_bits_and_costs_no_result_whoever_goes_away(
 ) -> None:
     """First without workers, then with two of which one is killed, at last its scheduler."""
     cluster = Cluster(tmp_path)
-    settings = {"samples": 40 * BLOCK + 5, "seed": 6, "specifications": [pp.specification("45 mm @ 90 %")]}
+    settings = {"samples": 120 * BLOCK + 5, "seed": 6, "specifications": [pp.specification("45 mm @ 90 %")]}
     expected = pp.monte_carlo(MODEL, "paper", **settings).to_json()
     calls: list[int] = []
 
@@ -578,7 +578,7 @@ def test_a_cluster_gives_the_same_bits_and_costs_no_result_whoever_goes_away(
         for key in ("position", "attitude", "covariance", "spec"):
             assert printed[key] == known[key], key
         calls.clear()
-        settings = {"samples": 60 * BLOCK, "seed": 6, "journal": tmp_path / "run.journal"}
+        settings = {"samples": 300 * BLOCK, "seed": 6, "journal": tmp_path / "run.journal"}
         gone = pytest.raises(InputError, match="the executor DaskCluster failed: ")
         with gone as told, dask_cluster(cluster.address) as (executor, _):
             pp.monte_carlo(MODEL, "paper", executor=executor, tasks_under_way=2, progress=stop, **settings)
@@ -588,7 +588,7 @@ def test_a_cluster_gives_the_same_bits_and_costs_no_result_whoever_goes_away(
     lines: list[str] = []
     resumed = pp.monte_carlo(MODEL, "paper", resume=True, tell=lines.append, **settings)
     assert int(lines[0].split()[-2].replace(",", "")) >= calls[0]
-    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=60 * BLOCK, seed=6).to_json()
+    assert resumed.to_json() == pp.monte_carlo(MODEL, "paper", samples=300 * BLOCK, seed=6).to_json()
 
 
 class Lost:
