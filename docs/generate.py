@@ -23,7 +23,7 @@ from pydantic import BaseModel
 
 from precision_pin.base import units
 from precision_pin.base.units import PerEntry, PerJoint, Quantity
-from precision_pin.cli.check import list_codes
+from precision_pin.cli.explain import list_codes
 from precision_pin.cli.program import list_commands, list_groups, load_command
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import laws_of_sheets

@@ -14,7 +14,7 @@ import pytest
 
 import precision_pin as pp
 from cli.conftest import GANTRY, Run
-from precision_pin.base.arrays import _version
+from precision_pin.base.versions import _version
 from precision_pin.cli import program
 from precision_pin.cli.program import list_commands, load_command
 from precision_pin.robot.examples import PAPER_SHEET

@@ -35,7 +35,7 @@ import pytest
 from cli.conftest import undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from precision_pin import cli
 from precision_pin.base.errors import InputError
-from precision_pin.cli.check import list_codes
+from precision_pin.cli.explain import list_codes
 from precision_pin.cli.program import list_commands
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
 from precision_pin.draws.expressions import MOST_OPERATIONS

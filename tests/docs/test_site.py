@@ -14,7 +14,7 @@ import pytest
 from sphinx.search.en import SearchEnglish
 
 import precision_pin
-from precision_pin.cli.check import list_codes
+from precision_pin.cli.explain import list_codes
 from precision_pin.sources import catalogue
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
 from support.site import DOCS, LATER, build, home_of

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base.arguments import check_instance, check_items
-from precision_pin.base.arrays import versions
 from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.versions import versions
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares

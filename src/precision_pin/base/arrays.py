@@ -6,9 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache, wraps
-from importlib import metadata
 from operator import attrgetter
-from platform import python_version
 from typing import Any, ClassVar, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
@@ -121,17 +119,3 @@ def encode(value: Any) -> Any:
             return [encode(entry) for entry in value]
         case _:
             return value.to_dict()
-
-
-def versions(*further: str) -> dict[str, str]:
-    """Return the versions a result depends on, and those of further distributions; ``unknown`` without metadata."""
-    names = ("precision-pin", "pin", "numpy", "scipy", "numba", *further)
-    return {"python": python_version(), **{name: _version(name) for name in names}}
-
-
-@cache  # reading a package's metadata takes a millisecond
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:  # conda's pinocchio or a checkout on the path has no metadata of pip
-        return "unknown"

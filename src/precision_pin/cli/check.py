@@ -1,25 +1,19 @@
-"""``precision-pin check`` and ``mcpc``, which also accept a URDF without a sheet; ``explain``, ``schema``, ``doctor``."""
+"""``precision-pin check`` and ``mcpc``, which also accept a URDF without a sheet."""
 
 from __future__ import annotations
 
-import importlib.resources
 import json
-import os
-import platform
-import re
 import sys
-import textwrap
-import tomllib
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from precision_pin.base.errors import Finding, InputError, UnknownNameError
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli import EXIT_INPUT
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.options import Command, Options, chain_options, inputs_argument, output_option, quiet_option
-from precision_pin.cli.streams import count_columns, echo_data, wrapped
+from precision_pin.cli.streams import echo_data, wrapped
 from precision_pin.cli.terminal import echo_note, echo_table, echo_warnings
 from precision_pin.robot.examples import named_briefly
 
@@ -148,96 +142,3 @@ def mcpc(as_json: bool, **arm: Any) -> None:
         echo_data(json.dumps({"base": chain.base, "tip": chain.tip, "links": rows}, ensure_ascii=False))
     else:
         echo_table(mcpc_table(table), is_answered=True)
-
-
-WIDTH: Final = 100
-
-
-class CodeMeaning(NamedTuple):
-    """Meaning and remedy of some codes, as Markdown."""
-
-    names: tuple[str, ...]
-    means: str
-    remedy: str
-
-
-class CodeGroup(NamedTuple):
-    """Codes of one kind, with its heading."""
-
-    title: str
-    codes: tuple[CodeMeaning, ...]
-
-
-def list_codes() -> dict[str, CodeGroup]:
-    """Return every code of errors and warnings, in groups."""
-    text = importlib.resources.files(__package__).joinpath("codes.toml").read_text("utf-8")
-    return {
-        name: CodeGroup(
-            group["title"],
-            tuple(CodeMeaning(tuple(one["names"]), one["means"], one["remedy"]) for one in group["codes"]),
-        )
-        for name, group in tomllib.loads(text).items()
-    }
-
-
-@click.command("explain", cls=Command)
-@click.argument("codes", metavar="[CODE]...", nargs=-1)
-def explain(codes: tuple[str, ...]) -> None:
-    """Say what a code of an error or a warning means, and what to do about it; without a code, list them all."""
-    groups = list_codes()
-    known = {name: (group.title, one) for group in groups.values() for one in group.codes for name in one.names}
-    if not codes:
-        echo_data("\n\n".join(_listed(group) for group in groups.values()))
-        return
-    asked = [code.strip().upper() for code in codes]
-    for code in asked:
-        if code not in known:
-            raise UnknownNameError("code", code, known)
-    echo_data("\n\n".join(_explained(code, *known[code]) for code in dict.fromkeys(asked)))
-
-
-def _listed(group: CodeGroup) -> str:
-    lines = [group.title]
-    for one in group.codes:
-        lines.append(f"  {', '.join(one.names)}")
-        lines += _wrapped("      ", "      ", one.means)
-    return "\n".join(lines)
-
-
-def _explained(code: str, title: str, one: CodeMeaning) -> str:
-    also = [name for name in one.names if name != code]
-    named = f"{code}, with {', '.join(also)}" if also else code
-    lines = [f"{named} ({title[0].lower()}{title[1:]})", *_wrapped("  means  ", " " * 9, one.means)]
-    return "\n".join([*lines, *(_wrapped("  to do  ", " " * 9, one.remedy) if one.remedy else [])])
-
-
-def _wrapped(first: str, others: str, markdown: str) -> list[str]:
-    text = re.sub(r"\[([^]]*)\]\((\w[\w-]*)\.md(?:#[\w-]*)?\)", r"\1 (page \2 of the documentation)", markdown)
-    columns = min(count_columns(sys.stdout) or WIDTH, WIDTH)
-    return textwrap.wrap(text, columns, initial_indent=first, subsequent_indent=others, break_long_words=False)
-
-
-@click.command("schema", cls=Command)
-def schema() -> None:
-    """Print the JSON schema of the sheet, for editors and checkers."""
-    from precision_pin.sheet import json_schema
-
-    echo_data(json.dumps(json_schema(), indent=2, ensure_ascii=False))
-
-
-@click.command("doctor", cls=Command)
-def doctor() -> None:
-    """Print the versions and paths that a result depends on; good to put into a bug report."""
-    import precision_pin
-    from precision_pin.base.arrays import versions
-    from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
-
-    lines = {
-        **versions(),
-        "system": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
-        "package": os.path.dirname(os.path.abspath(precision_pin.__file__)),
-        "paper's case": f"{PAPER_SHEET} ({'found' if PAPER_SHEET.is_file() else 'MISSING'})",
-        "example robots": f"{len(example_urdfs())} (example-robot-data)" if example_urdfs() else "not installed",
-    }
-    width = max(map(len, lines))
-    echo_data("\n".join(f"{name:<{width}}  {value}" for name, value in lines.items()))

@@ -1,4 +1,4 @@
-"""``precision-pin export`` and ``simulate``: robots as they may be built, and readings of one."""
+"""``precision-pin export``: robots as they may be built, as URDF files."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ import click
 
 from precision_pin.base.errors import Finding, InputError, OutputError, visible
 from precision_pin.base.files import csv_text, whole_folder, write_text
-from precision_pin.cli import options as shared
 from precision_pin.cli.inputs import Outputs, chosen_pose, echo_findings, read_sheet
-from precision_pin.cli.measurement import measurement_of, measurement_options
 from precision_pin.cli.options import Command, one_pose_options, output_option, progress_bar, seed_option
-from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses, check_poses, pose_files, read_poses
+from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:
@@ -137,88 +135,3 @@ def _lost_meshes(writer: AsBuilt, old: Path, new: Path) -> Iterator[Finding]:
             f"copy the meshes there, or write to {str(old)!r}"
         )
         yield Finding("warning", "W_MESH_MISSING", message, writer.at.posture.chain.robot.file)
-
-
-_MOST: Final = 100_000
-"""Largest number of readings in a file."""
-_LONGEST: Final = 1000
-"""Largest length of the comment that describes the simulation."""
-
-
-@click.command("simulate", cls=shared.Command)
-@shared.inputs_argument
-@measurement_options
-@shared.pose_options
-@shared.chain_options
-@click.option(
-    "--unit", type=int, default=0, show_default=True, metavar="K", help="Number of the robot that is measured."
-)
-@click.option(
-    "--cycles", type=int, metavar="N", help="Visit each pose N times, and write a file for iso9283 --measured."
-)
-@shared.seed_option
-@shared.output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
-@shared.all_warnings_option
-@shared.quiet_option
-def simulate(unit: int, cycles: int | None, seed: int, out: str, **options: Any) -> None:
-    """Write readings of one sampled robot, with the noise of the instrument: a rehearsal without a robot.
-
-    The robot is one of those that analyze samples and export writes with the same --seed: it has all its errors at each
-    pose by the exact model, loads and draws for a pose or a visit included. A pose given twice is visited twice.
-    calibrate reads the file as it is; with --cycles it is one of measured cycles for iso9283 --measured, in base axes.
-    """
-    import numpy as np
-
-    from precision_pin.analyses.calibration.data import cycles_csv, readings_csv
-    from precision_pin.analyses.calibration.design import measurement_of as known_measurement
-    from precision_pin.analyses.calibration.design import stations_of
-    from precision_pin.analyses.calibration.forecast import as_measured, simulate_readings
-    from precision_pin.base.arguments import check_whole
-    from precision_pin.base.errors import visible
-    from precision_pin.draws.draw import MOST_VISITS
-    from precision_pin.draws.space import check_seed
-    from precision_pin.model.error_model import ErrorModel
-    from precision_pin.render.tables import milli
-
-    check_seed(seed)
-    check_whole("--unit", unit, 0, 2**64 - 1, "from 0 to 2^64 - 1")
-    if cycles is not None:
-        check_whole("--cycles", cycles, 2, MOST_VISITS)
-    check_poses(options)
-    outputs = Outputs({"--out": out})
-    outputs.check()
-    outputs.refuse_inputs(pose_files(options))
-    sheet = read_sheet(options, outputs)
-    measurement = measurement_of(sheet, options)
-    if cycles is not None and measurement.kind not in ("position", "pose"):
-        message = f"--cycles are positions or poses, not of the kind {measurement.kind!r}: --kind position"
-        raise InputError.of("E_USAGE", message)
-    asked = read_poses(sheet, options, _MOST)
-    count = len(asked) * (cycles or 1)
-    if count > _MOST:
-        raise InputError.of("E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")
-    model = ErrorModel.from_sheet(sheet)
-    measurement = known_measurement(model, measurement)
-    poses = [pose.name if pose.where is None else pose.where for pose in asked]
-    q, _ = model.configurations(poses)
-    approaches = model.approaches_of(poses, q)
-    q = np.repeat(q, cycles or 1, axis=1)
-    approaches = None if approaches is None else np.repeat(approaches, cycles or 1, axis=1)
-    stations = stations_of(model, q, measurement, approaches)
-    simulated = simulate_readings(stations, measurement, model, seed=seed, first=unit)[:, :, 0]
-    readings = as_measured(simulated, stations, measurement)
-    readings_text = f"{count:,} reading{'s' if count > 1 else ''}"
-    what = readings_text if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
-    changed = f" with {', '.join(options['changes'])}" if options["changes"] else ""
-    truth = (
-        f"{what} of {measurement.kind}, std {milli(measurement.std, 3)} mm, of robot {unit} of seed {seed} of "
-        f"{os.path.basename(sheet.file)}{changed}"
-    )
-    comments = [visible(f"simulated: {truth}", _LONGEST)]
-    if cycles is None:
-        text = readings_csv(model.chain, q, measurement.kind, readings, measurement.std, comments)
-    else:
-        names = [f"P{rank}" for rank in range(1, len(asked) + 1)]
-        text = cycles_csv(names, cycles, measurement.kind, readings, comments)
-    write_text(Path(out), text)
-    echo_note(f"wrote {out}: {truth}; export --seed {seed} --first {unit} writes this robot as URDF")

@@ -142,17 +142,17 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     ),
     "export": ("precision_pin.cli.export", SHOW, "Write robots as they may be built, each sampled, as URDF files."),
     "simulate": (
-        "precision_pin.cli.export:simulate",
+        "precision_pin.cli.simulate",
         MEASURE,
         "Write readings of a sampled robot, as calibrate and iso9283 --measured read them.",
     ),
     "explain": (
-        "precision_pin.cli.check:explain",
+        "precision_pin.cli.explain",
         HELP,
         "Say what a code of an error or a warning means, and what to do.",
     ),
-    "schema": ("precision_pin.cli.check:schema", HELP, "Print the JSON schema of the sheet."),
-    "doctor": ("precision_pin.cli.check:doctor", HELP, "Print versions and paths."),
+    "schema": ("precision_pin.cli.explain:schema", HELP, "Print the JSON schema of the sheet."),
+    "doctor": ("precision_pin.cli.explain:doctor", HELP, "Print versions and paths."),
 }
 """Module (or a name in it) of the command, heading in the list, and the line below it; without the analyses."""
 

@@ -28,8 +28,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
-from precision_pin.base.arrays import Array, versions
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, UrdfError
+from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.expressions import component_names
 from precision_pin.model.error_model import ErrorModel

@@ -574,7 +574,12 @@ class NormBlocks:
 
 
 def norm_edges() -> Array:
-    """Return the 515 ascending edges of the small sketch, in units of the planned spread from the planned mean."""
+    """Return the 515 ascending edges of the small sketch, in units of the planned spread from the planned mean.
+
+    That is the sketch of :mod:`precision_pin.statistics.accumulate` with 32 bins per octave, from 1/16 to 16. With v the
+    distance from the mean in spreads, the bin of v is at most ``max(1/16, |v|/32)`` wide up to 16. The outermost bins
+    end at the smallest and largest value.
+    """
     first, last = ((1023 + exponent) << loops.NORM_MANTISSA for exponent in loops.NORM_EXPONENTS)
     magnitude = (np.arange(first, last + 1, dtype=np.int64) << (52 - loops.NORM_MANTISSA)).view(np.float64)
     edges = np.concatenate(([0.0], magnitude[:-1], [np.inf]))

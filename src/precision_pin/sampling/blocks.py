@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_whole
-from precision_pin.base.arrays import Array, versions
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
+from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
 from precision_pin.kernel import sampler

@@ -31,8 +31,9 @@ from numba.core.registry import cpu_target
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_callable, check_flag, check_mapping, check_path
-from precision_pin.base.arrays import Array, versions
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, OutputError
+from precision_pin.base.versions import versions
 from precision_pin.kernel import loops
 from precision_pin.kernel.sampler import BLOCK
 from precision_pin.robot.configurations import written_approach

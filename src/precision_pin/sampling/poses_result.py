@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arguments import check_name, check_whole
-from precision_pin.base.arrays import Array, Keys, Record, versions
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding
+from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import grounds_at_each

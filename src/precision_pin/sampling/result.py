@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 
 import numpy as np
 
-from precision_pin.base.arrays import Array, Keys, Record, versions
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, visible
+from precision_pin.base.versions import versions
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import OriginShares
 from precision_pin.render import tables

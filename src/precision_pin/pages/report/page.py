@@ -13,8 +13,8 @@ from precision_pin.analyses.collect import Missing, Results
 from precision_pin.analyses.monte_carlo import pose_text
 from precision_pin.analyses.monte_carlo.section import describe_verdict, distributions, specifications
 from precision_pin.analyses.registry import declarations
-from precision_pin.base.arrays import versions
 from precision_pin.base.units import Quantity
+from precision_pin.base.versions import versions
 from precision_pin.pages import view
 from precision_pin.pages.report.summary import name_pose, picture, summary
 from precision_pin.render.html import (
