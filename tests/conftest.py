@@ -42,7 +42,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     At first a worker's other tests and the build of the site leave a browser no processor to draw with.
     """
-    items.sort(key=lambda item: any("Chromium" in str(mark.kwargs) for mark in item.iter_markers("skipif")))
+    if "support.browser" in sys.modules:
+        of_browsers = sys.modules["support.browser"].needs_chromium.mark
+        items.sort(key=lambda item: of_browsers in item.iter_markers("skipif"))
     cases: dict[tuple[Path, str], list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("fast") and not item.get_closest_marker("slow"):

@@ -32,6 +32,7 @@ from precision_pin.pages.view import ViewPose, page
 from precision_pin.pages.view.live import serve
 from precision_pin.robot.chain import Chain
 from support.browser import complaints, needs_chromium, outside_requests, visited
+from support.waiting import eventually
 
 HOSTILE = "</title><script>document.title = 'owned'</script><img src=x onerror=alert(1)>\u202e"
 
@@ -145,14 +146,6 @@ def steady() -> Iterator[Served]:
     """Serve a page of no file, to many tests."""
     with serving(lambda: small_page("steady")) as running:
         yield running
-
-
-def eventually(holds: Callable[[], bool], within: float = 5.0) -> bool:
-    """Return whether something comes true in time."""
-    end = time.monotonic() + within
-    while not (true := holds()) and time.monotonic() < end:
-        time.sleep(0.02)
-    return true
 
 
 def reachable(address: str, port: int) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import time
 from concurrent.futures import Future
 from dataclasses import fields
 from typing import Any
@@ -19,6 +18,7 @@ from precision_pin.sampling import workers as executors
 from precision_pin.sampling.blocks import Work, packages
 from precision_pin.sampling.one_pose import Sampling
 from precision_pin.statistics import Plan, Specification, State, start
+from support.waiting import eventually
 
 SAMPLES = 17 * BLOCK + 1234
 MODEL = ErrorModel.load(PAPER_SHEET)
@@ -98,7 +98,4 @@ def spawned(process: psutil.Process) -> list[psutil.Process]:
 
 
 def wait_until(condition: Any, seconds: float = 20.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.01)
+    assert eventually(condition, seconds), "waited in vain"

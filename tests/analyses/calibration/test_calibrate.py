@@ -427,7 +427,6 @@ def test_intervals_of_bounded_laws_hold_the_truth() -> None:
 
 
 ARM, TIP = resolve_robot("example:so101"), "gripper_frame_link"
-WIDE = pp.Uniform(np.radians(30))
 STICK = robot(
     *map(link, ("base", "upper", "fore", "tip")),
     joint("turn", "continuous", "base", "upper"),
