@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +22,6 @@ ARM = model()
 CHAIN = ARM.chain
 
 
-@final
 @dataclass(frozen=True)
 class Table(Source):
     """A source with an array and a list among its settings."""

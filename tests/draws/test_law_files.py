@@ -30,7 +30,7 @@ TRAPEZOID = '''
 """A symmetric trapezoid."""
 
 from dataclasses import dataclass
-from typing import ClassVar, final
+from typing import ClassVar
 
 import numpy as np
 
@@ -38,7 +38,6 @@ from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.law import MEAN, LawOption, SheetForm
 
 
-@final
 @dataclass(frozen=True)
 class Trapezoid(Law):
     """Equally likely within mean ± top, from there on less to mean ± half_width."""

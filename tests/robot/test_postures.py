@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import final
 
 import numpy as np
 import pytest
@@ -214,7 +213,6 @@ def test_terms_that_come_and_go_with_the_pose():
     assert len({len(at.terms) for at in many}) > 1
 
 
-@final
 @dataclass(frozen=True)
 class Peculiar(Source):
     """Reads of the posture what its ``part`` names."""

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar, final
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 
@@ -43,7 +43,6 @@ CLOUD: Final = 5_000
 """Largest number of samples in the 3-D view."""
 
 
-@final
 @dataclass(frozen=True)
 class Missing:
     """Marker of a result that does not exist for this model; the reason is one line."""
@@ -51,7 +50,6 @@ class Missing:
     reason: str
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Results:
     """The results that a report shows.
@@ -260,7 +258,6 @@ def shown(cell: str) -> str:
     return MISSING if cell == "-" else cell
 
 
-@final
 @dataclass(frozen=True)
 class Part:
     """A draw's name in the sheet and its description."""
@@ -269,7 +266,6 @@ class Part:
     words: str
 
 
-@final
 @dataclass(frozen=True)
 class Cause:
     """The draws that one tolerance makes, and how often they are drawn.
@@ -294,7 +290,6 @@ class Cause:
         return f"{self.words}, {self.tolerance}" if self.tolerance else self.words
 
 
-@final
 @dataclass(frozen=True)
 class CauseShare:
     """A cause's contribution to the variance of a vector.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +25,6 @@ Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 """Name of a pose, or joint values in chain order or by name, with or without an approach; ``None``: the first pose."""
 
 
-@final
 @dataclass(frozen=True)
 class Provenance:
     """Robot, seed and software versions of a result.
@@ -75,7 +74,6 @@ class Provenance:
         return {"schema": schema, "complete": True, **arm, **rest, "versions": dict(self.versions)}
 
 
-@final
 @dataclass(frozen=True)
 class PoseLabel:
     """Name and joint values of a pose.

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,6 @@ REPLICATES: Final = 32
 _ROUNDING: Final = 1e-14
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Estimates:
     """Estimates, NaN where not resolved, with half-widths of intervals, and the variance for a single replicate."""
@@ -135,7 +134,6 @@ def law_breaks(space: Space) -> list[tuple[float, ...]]:
     return result
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Marginals:
     """Nodes along each of d uniform numbers.

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, Final, final
+from typing import Any, Final
 
 Report = Callable[[float], None]
 """Takes the fraction of the work done, 0 to 1."""
@@ -62,7 +62,6 @@ def announced() -> Iterator[Report]:
     yield _ignore
 
 
-@final
 @dataclass(frozen=True)
 class Job:
     """A call that compiles something, of some approximate duration; ``last`` if all others must be done first."""

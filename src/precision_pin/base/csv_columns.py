@@ -17,7 +17,7 @@ import re
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 
@@ -40,7 +40,6 @@ _LONGEST: Final = 40
 IGNORE: Final = "ignore"
 
 
-@final
 @dataclass(frozen=True)
 class ColumnNames:
     """Names and units of columns whose header does not give them.
@@ -92,7 +91,6 @@ class ColumnNames:
         return found
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Measured:
     """Columns of a file.

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 SHEET_SUFFIXES: Final = (".yaml", ".yml")
 
 
-@final
 @dataclass(frozen=True)
 class Inputs:
     """The robot and sheet of a command line; ``robot`` is ``None`` if the sheet names it."""
@@ -206,7 +205,6 @@ FILES: Final = (
 """Suffixes that identify a file name given as a folder; any others are part of a folder's name."""
 
 
-@final
 @dataclass(frozen=True)
 class Outputs:
     """Outputs of a command line: files by option (``-`` for stdout), folder of ``--out``, patterns of its files."""
@@ -258,7 +256,6 @@ class Outputs:
         return any(fnmatchcase(name, pattern) for pattern in self.names)
 
 
-@final
 @dataclass(frozen=True)
 class PageOutput:
     """A page to write: the file of ``--out``, or ``name`` in it if it ends in a slash or is a folder."""

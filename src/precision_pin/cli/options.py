@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Literal, final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import click
 
@@ -88,7 +88,6 @@ class SamplingCommand(Command):
         return super().invoke(ctx)
 
 
-@final
 class HeadedOption(click.Option):
     """An option with the heading under which ``--help`` lists it."""
 

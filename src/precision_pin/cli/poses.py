@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, final
+from typing import TYPE_CHECKING, Final
 
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
@@ -26,7 +26,6 @@ MOST_ROWS: Final = 2**20 - 1
 """Default limit of a trajectory or grid, the largest number of poses for draws of pose scope."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class AskedPose:
     """A pose as for :meth:`precision_pin.model.error_model.ErrorModel.at`; a trajectory's has time or row as name."""
@@ -35,7 +34,6 @@ class AskedPose:
     name: str
 
 
-@final
 class AskedPoses(list[AskedPose]):
     """The requested poses in order, with warnings about unreachable poses of a grid that are left out."""
 

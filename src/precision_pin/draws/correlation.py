@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,7 +47,6 @@ _ROWS: Final = 64
 """Rows of the double integral summed at once, which bounds the memory."""
 
 
-@final
 @dataclass(frozen=True)
 class Correlation:
     """Correlation of several draws of one number.
@@ -165,7 +164,6 @@ class Correlation:
         return scores
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class BlockCovariance(Fixed):
     """Covariance of d numbers: variances ``(d,)``, and columns ``(m,)`` and covariance ``(m, m)`` of dependent ones."""

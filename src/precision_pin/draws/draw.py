@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import final
 
 import numpy as np
 
@@ -38,7 +37,6 @@ def occasion(scope: Scope, pose: int = 0, visit: int = 0) -> int:
     return {Scope.UNIT: 0, Scope.POSE: first, Scope.VISIT: first + visit + 1}[scope]
 
 
-@final
 @dataclass(frozen=True)
 class Draw:
     """The unit of randomness: a law with a name and a scope.

@@ -11,7 +11,7 @@ from abc import ABC
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,7 +74,6 @@ class Expression(ABC):  # noqa: B024 - nothing to override: the engines read the
         return 0.0 - self
 
 
-@final
 @dataclass(frozen=True)
 class Component(Expression):
     """One number of a draw, by its name: ``a1``, ``axis_install[joint2].A.x``."""
@@ -82,7 +81,6 @@ class Component(Expression):
     name: str
 
 
-@final
 @dataclass(frozen=True)
 class Constant(Expression):
     """A fixed number inside a formula."""
@@ -94,7 +92,6 @@ class Constant(Expression):
             raise InputError(f"a formula contains {self.value}; its numbers must be finite")
 
 
-@final
 @dataclass(frozen=True)
 class Operation(Expression):
     """An operator applied to one or two expressions; the exponent of a power is constant.
@@ -195,7 +192,6 @@ def _expression(value: Expression | float) -> Expression:
     return value if isinstance(value, Expression) else Constant(float(value))
 
 
-@final
 @dataclass(frozen=True)
 class Program:
     """Parameters as one list of operations over registers.

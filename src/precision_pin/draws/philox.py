@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,6 @@ def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-@final
 @dataclass(frozen=True)
 class Units:
     """The random numbers of units ``first … first + count - 1``, for a 64-bit seed."""

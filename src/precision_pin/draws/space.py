@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, cast, final
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,6 @@ _TOGETHER: Final = 2**14
 """Numbers made together; arrays of more leave the processor's cache."""
 
 
-@final
 @dataclass(frozen=True)
 class Space:
     """Draws in column order, and their correlations.
@@ -247,7 +246,6 @@ def _claim_names(draw: Draw, taken: set[str]) -> None:
     taken |= own
 
 
-@final
 class Extension:
     """Further draws for a space, added group by group; a refused group adds nothing."""
 
@@ -287,7 +285,6 @@ def check_seed(seed: int) -> int:
     return check_whole("the seed", seed, 0, 2**64 - 1, "from 0 to 2^64 - 1")
 
 
-@final
 @dataclass(frozen=True)
 class LabelledSpace:
     """The space of one source with label ``kind[subject]``: turns its settings into numbers and expressions."""
@@ -361,7 +358,6 @@ def held_at_mean(draw: Draw) -> Draw:
     return dataclasses.replace(draw, law=law, names=draw.components)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Estimates:
     """Mean and covariance of numbers of a space after a calibration, SI.

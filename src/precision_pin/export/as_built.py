@@ -22,7 +22,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple, final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +51,6 @@ AGREEMENT: Final = 1e-9
 WIDTH: Final = 110
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class BuiltUnit:
     """A robot as it may be built: number, error at the export pose (``[d; δ]``, base axes, m and rad), URDF."""
@@ -66,7 +65,6 @@ class BuiltUnit:
         return hashlib.sha256(self.text).hexdigest()
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class AsBuilt:
     """Writes robots of an error model as URDF, at an export pose.

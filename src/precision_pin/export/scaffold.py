@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -81,7 +81,6 @@ def round_125(value: float) -> float:
     return float(f"{nearest * power:.0e}")
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Survey:
     """Figures of a chain from T trial poses ``(T, n)`` within the limits.

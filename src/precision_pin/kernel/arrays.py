@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import groupby, pairwise
-from typing import Any, Final, final, get_args
+from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -190,7 +190,6 @@ _NEGLIGIBLE: Final = 2.0**-58  # components below this share of a vector's large
 _LARGEST_POWER: Final = 8  # whole exponents up to this one are evaluated by multiplications
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class SamplerArrays:
     """Error model at one pose as arrays, which the same compiled loops read for every robot.
@@ -284,7 +283,6 @@ def _convert_alike(tables: Sequence[TermTable], space: Space) -> list[SamplerArr
     ]
 
 
-@final
 class _RowAllocator:
     """Allocator of consecutive rows, components first, each with an interval that contains its values."""
 
@@ -331,7 +329,6 @@ def _convert_formulas(table: TermTable, rows: _RowAllocator) -> tuple[list[tuple
     return steps, [register[output] for output in program.outputs]
 
 
-@final
 class _Products:
     """Distinct products of parameters that are factors of further products, with a row for each."""
 
@@ -463,7 +460,6 @@ def _convert_displacements(
     return [found[pose] for pose in range(len(tables))]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Sum:
     """Sum of ``vector × column``: the columns, and their vectors at every pose, ``(P, columns, 3)``."""
@@ -502,7 +498,6 @@ class _Sum:
         return _Entries(rows + factors, vectors, (size, len(factors)))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Entries:
     """Entries of a sum in the format of `precision_pin.kernel.loops.Motions`: rows, vectors, counts of single and double rows."""

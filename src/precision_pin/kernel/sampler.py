@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Final, Literal, Protocol, final
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,7 +58,6 @@ class ModelAtPose(Protocol):
         """The draws."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Blocks:
     """Sums, extremes, bins and counts of consecutive blocks.
@@ -261,7 +260,6 @@ def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
 # private -------------------------------------------------------------------------------------------------------------
 
 
-@final
 @dataclass(frozen=True)
 class _Units:
     """Range of ``count`` units from ``first`` on; the first ``skip``, not requested, complete a tile."""
@@ -377,7 +375,6 @@ def _arguments(
     )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class JoinedTables:
     """Arrays of one error model at P poses, with the common draws and formulas separated.
@@ -553,7 +550,6 @@ MOST_TOGETHER: Final = 64
 """Poses processed together at best: drawing then costs next to nothing, and the sums stay in the cache."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class NormBlocks:
     """Sums and small sketches of consecutive blocks at P poses, for a map.

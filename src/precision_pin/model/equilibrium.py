@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Final, Literal, final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,6 @@ _NO_WAY: Final = 1e-9
 """Fraction of a place's largest singular value below which its terms do not move it in that direction."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Settled:
     """The arm at rest under its loads, for one value of every parameter.
@@ -127,7 +126,6 @@ def settle(
     return feedback.rest_at(_follow_loads(feedback, within))
 
 
-@final
 class Feedback:
     """G: the displacements given by the terms, for fixed parameters, when the loads act on the arm displaced by v.
 
@@ -270,7 +268,6 @@ def _follow_loads(feedback: Feedback, within: float) -> Array:
     raise InputError(_NO_REST.format(f"{path.share:.3g} times the"))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Path:
     """An arm at rest under a fraction of its loads.

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
-from typing import Final, Literal, final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +35,6 @@ from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Term, TermsOfPose
 
 
-@final
 class ErrorModel:
     """A chain with its error sources.
 

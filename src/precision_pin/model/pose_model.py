@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,7 +33,6 @@ from precision_pin.terms.table import SlopeColumns, TermTable
 from precision_pin.terms.term import JointValue, Target, Term
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Part:
     """A rigid piece of the drawn arm.
@@ -66,7 +65,6 @@ class Part:
 _COMPONENTS: Final = (("dx", "mm"), ("dy", "mm"), ("dz", "mm"), ("δx", "mrad"), ("δy", "mrad"), ("δz", "mrad"))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PoseModel:
     """The error model at one pose.
@@ -282,7 +280,6 @@ AT_ONCE: Final = 256
 """Poses computed together; their arrays stay in the processor's cache."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Tangents(Fixed):
     """First-order models ``e = error + jacobian · (x - mean of x)`` at P poses.

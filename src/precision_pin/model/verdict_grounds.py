@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,7 +137,6 @@ def _unit(slides: bool) -> tuple[float, str]:
     return (1e3, "mm") if slides else (180 / np.pi, "deg")
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Lost:
     """Random numbers of the unchanged sheet whose tolerance a change removed, from some or all of their sources.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +29,6 @@ _LADDERS: Final = {
 _OF_AXES: Final = {"position": ("m", "mm", "µm", "nm", "pm"), "attitude": ("rad", "mrad", "µrad", "nrad", "prad")}
 
 
-@final
 @dataclass(frozen=True)
 class WrittenUnit:
     """A unit for display, of which ``per_si`` make one SI unit."""
@@ -84,7 +83,6 @@ def round_number(value: float) -> float:
     return min(candidates, key=lambda candidate: abs(math.log(candidate / value)))
 
 
-@final
 @dataclass(frozen=True)
 class ColourScale:
     """Position error sizes (m) as colours of matplotlib's viridis, light for small, dark for large."""

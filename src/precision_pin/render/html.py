@@ -6,7 +6,7 @@ import html
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 from precision_pin.base.errors import shortened
 
@@ -33,7 +33,6 @@ def preformatted(text: str) -> str:
     return "<pre>{}</pre>".format("\n".join(map(escaped, lines)))
 
 
-@final
 @dataclass(frozen=True)
 class Table:
     """A table of plain text, rendered by :func:`rendered`.
@@ -72,7 +71,6 @@ def _row(cells: Sequence[str], words: int, tag: str) -> str:
     return f"<tr>{''.join(inside)}</tr>"
 
 
-@final
 @dataclass(frozen=True)
 class Html:
     """Markup. Make it with :func:`element` from plain text; whoever makes one directly vouches for its text."""

@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from precision_pin.base.arguments import check_path, shown
 from precision_pin.base.errors import InputError
@@ -66,7 +66,6 @@ class JsonResult:
         return SavedResult(data)
 
 
-@final
 @dataclass(frozen=True, eq=False, repr=False)
 class SavedResult(JsonResult):
     """A result read from its JSON: ``saved["poses"]`` and so on, SI units."""

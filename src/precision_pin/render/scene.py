@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol, final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,6 @@ def viewer_script() -> str:
     return (Path(_meshcat("meshcat").__file__).parent / "viewer" / "dist" / "main.min.js").read_text("utf-8")
 
 
-@final
 class Scene:
     """A growing scene; a path is a tuple of names below the root."""
 
@@ -166,7 +165,6 @@ class Layer(Protocol):
         """Return the numbers for the page's scripts, for JSON."""
 
 
-@final
 @dataclass(frozen=True)
 class Chapter:
     """A section of its own.
@@ -194,7 +192,6 @@ _FACES: Final = np.array(
 )  # fmt: skip
 
 
-@final
 class Triangles:
     """Collects the triangles of all shapes in the root's axes, as :class:`precision_pin.render.scene.Scene` does."""
 

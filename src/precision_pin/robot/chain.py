@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,7 +61,6 @@ _OF_A_LOAD: Final = {"W_MASS_LARGE", "W_UNITS"}
 """Warnings about a mass or length, which also matter off the path: the weight of any link loads the arm."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Chain(Fixed):
     """The moving joints and rigid links between a base and a tip.
@@ -439,7 +438,6 @@ class Chain(Fixed):
         )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Posture:
     """A chain at one configuration, undisplaced; or at P of them, with poses as the last dimension of every array.

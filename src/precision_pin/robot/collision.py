@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, final
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import coal
 import numpy as np
@@ -45,7 +45,6 @@ _WORTH: Final = 16
 _SLANT: Final = 1e-3
 
 
-@final
 @dataclass(frozen=True)
 class KeepOut:
     """A half space or a box that no moving link may enter, in base axes.
@@ -61,7 +60,6 @@ class KeepOut:
     size: tuple[float, ...] | None = None
 
 
-@final
 @dataclass(frozen=True)
 class Obstacles:
     """What poses of an arm are checked against, beside the arm itself.
@@ -75,7 +73,6 @@ class Obstacles:
     package_dirs: tuple[Path, ...] = ()
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Body:
     """A shape: the hull of points, each with a ball and a disc about z around it.
@@ -138,7 +135,6 @@ class _Check(NamedTuple):
     what: str
 
 
-@final
 class CollisionCheck:
     """What an arm can hit. Made once for an arm; a check takes some 0.05 to 0.5 ms a pose.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,6 @@ SLACK: Final = 1e-5
 """How far (rad, m) a value may pass a limit: files round limits, as 180° to 3.14159."""
 
 
-@final
 @dataclass(frozen=True)
 class Configurations:
     """Reader of joint values, for joints in a fixed order."""
@@ -168,7 +167,6 @@ _STILL: Final = 1e-12
 """Largest change of a joint value (rad, m) between two poses that counts as none."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class ApproachedPose:
     """A pose with the direction in which each joint moved last, for every analysis that takes a pose.

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, Literal, final, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,7 +62,6 @@ Branches = Literal["nearest", "best", "all"]
 """Which of several solutions."""
 
 
-@final
 class SolutionSearch:
     """A task of a chain, for a unit tool axis and a reference value for each joint, with postures to start from."""
 
@@ -272,7 +271,6 @@ def _solve_damped(matrix: Array, gradient: Array, damping: Array) -> Array:
     return step
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Solutions(Fixed):
     """Joint values that lead to N wanted poses ``(4, 4, N)``, M solutions within the joint limits in all.

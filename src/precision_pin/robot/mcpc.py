@@ -27,7 +27,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, final
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,7 +56,6 @@ SAME_CHAIN = 1e-9
 """Largest difference (m, rad) between a chain's placements and those of its MCPC parameters."""
 
 
-@final
 @dataclass(frozen=True)
 class McpcRow:
     """One row of the parameter table, in the form of the paper's Table 1.
@@ -79,7 +78,6 @@ class McpcRow:
     z: float | None
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Mcpc:
     """The MCPC parameters of a chain of n joints.

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,6 @@ class UnreadableMeshError(Exception):
     """Carries why a mesh cannot be drawn."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Triangles of one colour (None if the file has none): corners ``(V, 3)``, m, and their indices ``(F, 3)``."""
@@ -45,7 +44,6 @@ class Surface:
     colour: Colour | None
 
 
-@final
 class MeshReader:
     """Reads a robot's meshes, each file once; searches beside the URDF and in ``package_dirs``."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -22,7 +22,6 @@ AGREEMENT = 1e-9
 """Largest difference of Pinocchio from our own reader, relative to the robot's reach and mass."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PinocchioModel:
     """Pinocchio's reduced model with the chain's joints only; ``joints`` are their numbers, in chain order."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,6 @@ _SAME_POINT: Final = 1e-9
 """Distance (m) up to which two frames count as being at one point."""
 
 
-@final
 @dataclass(frozen=True)
 class Place:
     """A point of the chain where a small rigid displacement ``E = Trans(d)·Exp(δ)`` is inserted.
@@ -88,7 +87,6 @@ class Place:
         return cls(link, (ORDER_CUSTOM, rank), name, frame)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class LinkFrame(Fixed):
     """Position of a URDF link on the chain; branches and locked joints belong to the chain link that carries them.
@@ -235,7 +233,6 @@ The numbers are Python floats, faster than arrays for sums of three, or arrays o
 _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Load:
     """A weight on the chain.
@@ -264,7 +261,6 @@ class Load:
         object.__setattr__(self, "moments", moments)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Deflection(Fixed):
     """A chain under load: links and their far ends, ``(n+1, 4, 4)``, base.

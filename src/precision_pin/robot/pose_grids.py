@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, final, get_args
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -90,7 +90,6 @@ def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
     return tuple(map(" ".join, zip(*words, strict=True)))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Orientation(Fixed):
     """Required attitude of the tool at a place; made by :meth:`given`, :meth:`along` or :meth:`free`.

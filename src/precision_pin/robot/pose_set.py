@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, Literal, final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +33,6 @@ _AT_ONCE: Final = 4096
 """Poses whose statuses are computed together."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PoseSet:
     """P poses in order.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, NamedTuple, final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ class ChainConstants(NamedTuple):
     gravity: Array
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Postures:
     """A chain at P configurations, undisplaced; made by :meth:`precision_pin.robot.chain.Chain.at_many`.

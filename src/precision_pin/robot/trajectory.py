@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,6 @@ _ROUNDING: Final = 1e-9
 """Fraction of a step by which an interval may exceed a whole number of steps, for rounding."""
 
 
-@final
 @dataclass(frozen=True)
 class Column:
     """A column of a trajectory file: its heading, its joint (empty for times), and its unit in s, rad or m."""
@@ -53,7 +52,6 @@ def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
     ]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Trajectory(Fixed):
     """Poses in order: joint values in chain order ``(P, n)``, rad or m, and times ``(P,)``, s, if the file has them.

@@ -15,7 +15,7 @@ import itertools
 import os
 import re
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from ruamel.yaml import YAML
@@ -48,7 +48,6 @@ _DELTAS: Final = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
 _LARGEST: Final = 2**20
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class UrKinematics:
     """A six-joint arm at zero: frames of joints ``(6, 4, 4)``, z along the axes, and flange ``(4, 4)``, in the base.

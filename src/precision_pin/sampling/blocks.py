@@ -8,7 +8,7 @@ import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, Final, Literal, final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,6 @@ def _unpickle(data: bytes) -> Any:
     return kind(*values)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Work(Sent):
     """All inputs of a block's statistics except the block number. Can be pickled.

@@ -24,7 +24,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar, final
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 from numba.core.registry import cpu_target
@@ -194,7 +194,6 @@ _OVERHEAD: Final = 1000
 """Generous bound of an array's bytes beyond its numbers."""
 
 
-@final
 @dataclass(frozen=True)
 class Codec(Generic[S]):
     """What a journal must know of its states.
@@ -297,7 +296,6 @@ _ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_i
 """Arrays without NaN for any number of samples."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PosesDone:
     """Arrays over all poses of a run, of which the first ``count`` are filled.
@@ -393,7 +391,6 @@ def _unwritable(name: str, error: Exception) -> OutputError:
     return OutputError(f"cannot write the journal {name}: {getattr(error, 'strerror', None) or error}")
 
 
-@final
 class Journal(Generic[S]):
     """Open journal, created by :func:`opened`.
 

@@ -13,7 +13,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any, Final, Literal, final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -207,7 +207,6 @@ def sample_poses(
     )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Run:
     """The model at poses ``(n, P)`` with their approaches, and the settings common to all of them."""
@@ -363,7 +362,6 @@ PILOTS: Final = (256, 1024)
 """Samples, the first of the run, for planning first the centres, then the spreads."""
 
 
-@final
 @dataclass(frozen=True)
 class PosesWork:
     """Settings of a run common to all poses."""
@@ -374,7 +372,6 @@ class PosesWork:
     specifications: tuple[Specification, ...]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class GroupWork(Sent):
     """Poses sampled together. Can be pickled."""
@@ -395,7 +392,6 @@ class GroupWork(Sent):
         )  # fmt: skip
 
 
-@final
 class PoseGroup:
     """Poses sampled together, and their accumulated statistics."""
 

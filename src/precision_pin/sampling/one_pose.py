@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Final, Literal, final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -343,7 +343,6 @@ def find_coarse_bins(summary: Summary) -> list[Finding]:
 # blocks merged in order and saved in a journal -----------------------------------------------------------------------
 
 
-@final
 class Sampling:
     """Run from a given state to the last sample."""
 
@@ -520,7 +519,6 @@ def relative(
     )  # fmt: skip
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Pair:
     at: PoseModel

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 _WORST_FIRST: Final[tuple[Verdict, ...]] = ("not met", "not judged", "undecided", "nothing to judge", "met")
 
 
-@final
 @dataclass(frozen=True)
 class PosesSpecification(Record):
     """Result of a specification over several poses.
@@ -136,7 +135,6 @@ POSE_ARRAYS: Final = (
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
-@final
 @dataclass(frozen=True, eq=False, repr=False)
 class PosesResult(Record, JsonResult):
     """Distribution of the pose error at P poses, base axes, m and rad.

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@final
 @dataclass(frozen=True)
 class Correlated(Record):
     """Group of correlated parameters.
@@ -71,7 +70,6 @@ class Correlated(Record):
         return tuple(found)
 
 
-@final
 @dataclass(frozen=True)
 class Until(Record):
     """Target precision, as text, and the precision reached."""
@@ -86,7 +84,6 @@ class Until(Record):
         return asdict(self.precision)
 
 
-@final
 @dataclass(frozen=True)
 class RelativeTo(Record):
     """Pose whose errors are subtracted: its name or empty, joint values (rad, m), and ``+`` or ``-`` approaches."""
@@ -102,7 +99,6 @@ class RelativeTo(Record):
         return approach_entry(self.approach)
 
 
-@final
 @dataclass(frozen=True, eq=False, repr=False)
 class MonteCarloResult(Record, JsonResult):
     """Distribution of the pose error at one pose.

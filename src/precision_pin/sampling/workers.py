@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from typing import Any, Final, Protocol, TypeVar, final
+from typing import Any, Final, Protocol, TypeVar
 
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.errors import InputError, PrecisionPinError
@@ -73,7 +73,6 @@ class Workers(ABC):
         """End the workers; ``done`` states that no task is running."""
 
 
-@final
 class Threads(Workers):
     """Threads of this process; the sampler releases Python's global lock."""
 
@@ -90,7 +89,6 @@ class Threads(Workers):
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
-@final
 class Processes(Workers):
     """Child processes, with a thread and a pipe for each.
 
@@ -151,7 +149,6 @@ class Processes(Workers):
         )
 
 
-@final
 class _Process:
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -191,7 +188,6 @@ def _serve(pipe: Connection[Any, Any]) -> None:
             pipe.send(answer)
 
 
-@final
 class Foreign(Workers):
     """Executor given by the caller; it is not shut down."""
 
@@ -271,7 +267,6 @@ _CHECK_INTERVAL: Final = 0.5
 """Seconds between checks that the scheduler is still connected."""
 
 
-@final
 class _Task:
     """Submitted task. Waiting ends with an error if the scheduler is lost; Dask's own wait never would."""
 
@@ -293,7 +288,6 @@ class _Task:
         self._future.cancel()
 
 
-@final
 class DaskCluster:
     """Executor on a running Dask cluster."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 
@@ -129,7 +129,6 @@ def parse_target(text: str) -> list[float]:
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
 
 
-@final
 @dataclass(frozen=True)
 class Overrides:
     """Values from the command line that replace the sheet's; ``None`` keeps the sheet's."""

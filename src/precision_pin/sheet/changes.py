@@ -8,7 +8,7 @@ import numbers
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,7 +27,6 @@ _STEP: Final = re.compile(r"[.\[]|$")
 _ENTRY: Final = re.compile(r"\.?\[?(?P<k>\d+|\*)\]?(?=[.\[]|$)(?P<rest>.*)")
 
 
-@final
 @dataclass(frozen=True)
 class Change:
     """A value to set.

@@ -21,7 +21,7 @@ import math
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, Literal, NamedTuple, final
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,6 @@ _AXES: Final = ("x", "y", "z")
 _POSE_AXES: Final = (*_AXES, "rx", "ry", "rz")
 
 
-@final
 @dataclass(frozen=True)
 class Anchor:
     """A fixed point, ``(3,)``, from which distances are measured.
@@ -81,7 +80,6 @@ class Anchor:
         return away[None] / length, -away[None] / length
 
 
-@final
 @dataclass(frozen=True)
 class Plane:
     """A plane that the target touches: a point on it and its unit normal, ``(3,)`` each."""
@@ -124,7 +122,6 @@ class Plane:
         return by_point[None], np.array([[-1.0, *tilts]])
 
 
-@final
 @dataclass(frozen=True)
 class Sockets:
     """Sockets for the tip, ``(3,)`` each; a pose uses the one nearest to its nominal target."""
@@ -182,7 +179,6 @@ _KEYS: Final = (
 _LOAD: Final = ("at", "mass", "com")
 
 
-@final
 @dataclass(frozen=True)
 class Measurement:
     """An instrument and its set-up.

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final, cast, final
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -35,7 +35,6 @@ from precision_pin.sheet.text import Path, Text, read_text
 _LONGEST: Final = 40
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class GridEntry:
     """A value of a file.
@@ -149,7 +148,6 @@ _ORIENTATIONS: Final = (
 Progress = Callable[[int], None] | bool | None
 
 
-@final
 @dataclass(frozen=True)
 class PoseGrid:
     """The poses of a file.

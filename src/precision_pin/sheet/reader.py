@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
-from typing import Any, Final, Literal, final
+from typing import Any, Final, Literal
 
 import numpy as np
 from pydantic import ValidationError
@@ -38,7 +38,6 @@ LARGEST_FILE: Final = 4 * 2**20
 _MOST_NAMED: Final = 4
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Sheet:
     """A sheet read without error.
@@ -92,7 +91,6 @@ class Sheet:
         return self.contents.read_changed(self, asked)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Contents:
     """The contents of a sheet, from which it can be read again.
@@ -476,7 +474,6 @@ ORIGINS: Final = ("assumed", "data sheet", MEASURED, "drawing")
 _EXAMPLE: Final = "such as 'provenance: drawing' or 'provenance: {data sheet: \"page 12\"}'"
 
 
-@final
 @dataclass(frozen=True)
 class Origin:
     """Where a number comes from.
@@ -549,7 +546,6 @@ def origins_by_path(
     return found
 
 
-@final
 @dataclass(frozen=True)
 class SheetDifference:
     """A value that differs between two sheets.

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, replace
 from functools import cache
 from pathlib import Path as FilePath
-from typing import Annotated, Any, Final, Literal, final
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
     AfterValidator,
@@ -59,7 +59,6 @@ _Measurements = Annotated[
 ]
 
 
-@final
 @dataclass(frozen=True)
 class Context:
     """Context for validating a source's settings.
@@ -239,7 +238,6 @@ def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-@final
 @dataclass(frozen=True)
 class StatedNumber:
     """A number in a setting: its possible units, and whether it has a law."""
@@ -346,7 +344,6 @@ def _numbers(
     return tuple(result)
 
 
-@final
 class SettingReason(ValueError):
     """Carries an error through pydantic; ``below`` is the path from the setting to the error."""
 
@@ -439,7 +436,6 @@ MOST_ERRORS: Final = 100
 POSE_VALUES: Final = "expected joint values in chain order with one unit, a list of values, or joint names with values"
 
 
-@final
 class Findings:
     """Collector of findings at the lines of a text."""
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Any, Final, final
+from typing import Any, Final
 
 from precision_pin.base import csv_columns, units
 from precision_pin.base.errors import InputError, UnitError, UnknownNameError, nearest
@@ -17,7 +17,6 @@ from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.sheet.text import Path
 
 
-@final
 class SettingError(InputError):
     """Error inside a setting."""
 
@@ -37,7 +36,6 @@ def placed(*where: str | int) -> Iterator[None]:
         raise SettingError(where, error) from None
 
 
-@final
 class LawReader:
     """Reader of a law's settings, whose numbers all have one quantity; :attr:`unit` is the first unit read."""
 
@@ -148,7 +146,6 @@ TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
 _HERE: Final = FilePath()
 
 
-@final
 @dataclass(frozen=True)
 class NamedParameter:
     """A draw of the sheet's ``parameters``, and the quantities that fit its unit."""

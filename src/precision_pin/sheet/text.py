@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Any, Final, final
+from typing import Any, Final
 
 from ruamel.yaml import YAML, events
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
@@ -38,7 +38,6 @@ def written_yaml(data: Mapping[str, Any]) -> str:
     return text.getvalue()
 
 
-@final
 @dataclass(frozen=True)
 class Text:
     """A sheet's contents.
@@ -65,7 +64,6 @@ class Text:
         return next((name for changed, name in self.changes.items() if path[: len(changed)] == changed), None)
 
 
-@final
 @dataclass(slots=True)
 class _Node:
     """A scalar with its ``text``, a list, or a mapping with keys and values in turn as entries."""
@@ -158,7 +156,6 @@ def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], 
     return next(iter(open_nodes[0].entries), None)
 
 
-@final
 class _Conversion:
     """Recursive conversion of a tree into plain data, with a limit on the depth that aliases can make."""
 

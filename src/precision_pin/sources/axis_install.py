@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 from precision_pin.draws.laws import Disc
 from precision_pin.sources.places import seat_axes
 from precision_pin.terms import Dependence, Draw, InputError, LabelledSpace, Place, Posture, Scope, Source, Term, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class AxisInstall(Source):
     """Installation error of a joint's axis: the real axis passes through two points beside the nominal axis.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, final
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from precision_pin.terms import Factors, InputError, JointValue, LabelledSpace, 
 from precision_pin.terms.term import side_of
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Source):
     """Backlash of a joint's drive: the load pushes the joint onto one flank, half the backlash from the middle of the gap.

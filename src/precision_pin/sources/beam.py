@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal, final
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,6 @@ class OnLink(Source):
     link: str
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Beam(Profile, OnLink):
     """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip).
@@ -240,7 +239,6 @@ class Beam(Profile, OnLink):
                 yield from attached_loads(load)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _BeamLoad:
     """A load on a beam: at one point, or spread evenly between two.
@@ -387,7 +385,6 @@ _NEXT: Final = [1, 2, 0]
 _AFTER: Final = [2, 0, 1]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class BentShape:
     """The shape of a cantilever: the cubic through the displacement and rotation of its end.

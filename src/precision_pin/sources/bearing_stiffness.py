@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
 
@@ -15,7 +15,6 @@ _ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
 """Components of wrench and displacement that each stiffness connects."""
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class BearingStiffness(Source):
     """Flexibility of a joint's bearing: the seat yields under the wrench of all loads beyond the joint.

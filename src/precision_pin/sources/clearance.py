@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal, final
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 
@@ -21,7 +21,6 @@ _NOTHING: Final = 1e-12
 """Fraction of the band added to a load, squared, so that a zero load has a direction too."""
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Clearance(Source):
     """Clearance of a joint's two bearings: each journal is off centre by half the diametral clearance.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal, final
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from precision_pin.terms import Draw, InputError, LabelledSpace, Posture, Scope,
 _SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Covariance(AtPlace):
     """Six jointly normal errors of any place, such as from a calibration or a tracker: mean and 6×6 covariance.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal, final
+from typing import Annotated, ClassVar, Final, Literal
 
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
@@ -15,7 +15,6 @@ from precision_pin.terms import Dependence, Finding, InputError, JointValue, Lab
 _AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Encoder(Source):
     """Errors of a joint's encoder: resolution, zero, eccentricity or another periodic error, scale.

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 from precision_pin.sources.places import AtPlace, deviation_terms
 from precision_pin.terms import LabelledSpace, Posture, Setting, Term, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Frame(AtPlace):
     """Six errors at any place: a shift and a small turn in the place's own axes.

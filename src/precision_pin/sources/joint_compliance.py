@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 from precision_pin.terms import JointValue, LabelledSpace, Posture, Setting, Source, Term, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class JointCompliance(Source):
     """Flexibility of a joint: it turns (or slides) by its compliance times the load on it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from precision_pin.sources.places import direction_of, is_fixed
 from precision_pin.terms import Chain, Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Length(Source):
     """Manufacturing error of a length: it moves a joint's origin, or a frame, along a direction.

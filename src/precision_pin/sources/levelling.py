@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from precision_pin.terms import Dependence, Expression, Factors, LabelledSpace, Posture, Setting, Source, Term, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Levelling(Source):
     """A base that is not level, so that gravity acts in another direction than drawn.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from precision_pin.sources.places import deviation_terms
 from precision_pin.terms import Chain, Dependence, InputError, LabelledSpace, Place, Posture, Setting, Source, Term
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Mcpc(Source):
     """Errors of one link's MCPC parameters, exact at any size.

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, final
+from typing import Annotated, ClassVar, Literal
 
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.sources.places import deviation_terms
 from precision_pin.terms import Dependence, InputError, LabelledSpace, Place, Setting, Source, Term, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Mounting(Source):
     """Mounting error of the robot in its cell, or of the tool on its flange: a shift and a small rotation.

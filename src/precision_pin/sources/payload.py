@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from precision_pin.robot.places import Factors, Load
 from precision_pin.terms import Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term, at_means, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Payload(Source):
     """A payload on the arm. It displaces nothing itself: its weight loads the flexible joints and links.

@@ -7,7 +7,7 @@ import math
 from abc import ABC
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal, final
+from typing import Annotated, Final, Literal
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from precision_pin.draws.expressions import Value
 from precision_pin.draws.space import LabelledSpace
 
 
-@final
 @dataclass(frozen=True)
 class Material:
     """Isotropic material: moduli E and G (Pa), density (kg/m³), and the reference for the numbers."""
@@ -38,7 +37,6 @@ MATERIALS: Final[Mapping[str, Material]] = {
 """Named materials."""
 
 
-@final
 @dataclass(frozen=True)
 class Section:
     """Properties of a cross-section.
@@ -135,7 +133,6 @@ class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams
         return tuple(name for name in names if getattr(self, name) is not None)
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Segment(Profile):
     """Part of a beam with its own section.
@@ -156,7 +153,6 @@ class Segment(Profile):
                 raise InputError(f"the {name} of a segment must be positive, got {getattr(self, name)}")
 
 
-@final
 @dataclass(frozen=True)
 class Stretch:
     """A part of a beam with one section.

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Final, Literal, final
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from precision_pin.terms import Draw, LabelledSpace, Posture, Scope, Term
 _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys(("rx", "ry", "rz"), units.ANGLE)
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Table(AtPlace):
     """Errors of any place that were measured together: each sample takes one row of a table, all equally likely.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from precision_pin.sources.places import direction_of, is_fixed
 from precision_pin.terms import Array, Chain, Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Thermal(Source):
     """Links that are warmer than when they were measured, either evenly or on one side.

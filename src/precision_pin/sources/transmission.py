@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, final
+from typing import Annotated, ClassVar
 
 from precision_pin.draws.space import LabelledSpace, entry_name
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
 from precision_pin.terms import Dependence, Draw, Finding, InputError, JointValue, Posture, Setting, Source, Term, units
 
 
-@final
 @dataclass(frozen=True, kw_only=True)
 class Transmission(Source):
     """Errors of a joint's gear or screw: kinematic error, wind-up under load, lead error.

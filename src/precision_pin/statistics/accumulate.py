@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,7 +51,6 @@ _SPAN: Final = 128
 _TILE: Final = 1 << 14
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class State:
     """Accumulated statistics of the samples observed so far.

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Final, final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,7 +61,6 @@ _FINER: Final = (4, 16)
 """Factors by which the windows that detect spikes are narrower."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Histogram(Record):
     """Histogram to draw: ``(k + 1,)`` ascending edges (m or rad) and ``(k,)`` densities (1/m or 1/rad)."""
@@ -70,7 +69,6 @@ class Histogram(Record):
     density: Array
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Distribution(Record):
     """Sampled distribution of one quantity, m or rad.
@@ -422,7 +420,6 @@ def _level(p: float) -> float:
     return check_number("the probability of a quantile", p, "above 0 and below 1", lambda share: 0 < share < 1)
 
 
-@final
 @dataclass(frozen=True)
 class Peak:
     """Peak of a smoothed histogram, bandwidth of the smoothing, and interval of the mode."""

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from functools import cached_property, lru_cache
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,7 +128,6 @@ _SKETCH_ERROR: Final = 0.05
 """Largest relative difference of the variances from bins and from sums; beyond it the bins are too coarse."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Moments(Fixed):
     """Mean and variance of a set of samples with their intervals.
@@ -222,7 +221,6 @@ class Moments(Fixed):
         return (1 - 1 / math.sqrt(outermost)) / max(logarithms, 1e-9)
 
 
-@final
 @dataclass(frozen=True)
 class _Mean:
     """Standard error of a mean, and its skewness γ/√N."""

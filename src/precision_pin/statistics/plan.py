@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,7 +64,6 @@ _NOISE: Final = 1e-12
 """Spreads below this fraction of the largest possible error count as rounding."""
 
 
-@final
 @dataclass(frozen=True)
 class Specification:
     """Requirement that |quantity| ≤ limit with at least the required probability.
@@ -109,7 +108,6 @@ class Specification:
         return (3, 4, 5) if self.quantity.startswith("attitude") else (0, 1, 2)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Plan:
     """Centre and scale of the bins for each quantity, and the specifications to count.

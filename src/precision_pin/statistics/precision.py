@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 from precision_pin.base import units
 from precision_pin.base.arguments import check_text
@@ -35,7 +35,6 @@ _UNITS: Final = tuple(unit for quantity in (units.LENGTH, units.ANGLE, units.RAT
 _EXAMPLES: Final = "'95 % to 0.01 mm', 'x mean to 1 um' or 'attitude std to 1 %'"
 
 
-@final
 @dataclass(frozen=True)
 class Target:
     """Target precision of a statistic.
@@ -52,7 +51,6 @@ class Target:
     relative: bool
 
 
-@final
 @dataclass(frozen=True)
 class Precision:
     """Reached half-width (``None`` if unresolved) and largest allowed one, both m or rad."""

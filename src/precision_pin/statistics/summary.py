@@ -23,7 +23,6 @@ NO_SPREAD: Final = 1e-12
 """Differences below this value (m, rad) count as rounding, for an arm of metres."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class VectorDistribution(Record):
     """Distributions of the norm and the components of a three-vector."""
@@ -34,7 +33,6 @@ class VectorDistribution(Record):
     z: Distribution
 
 
-@final
 @dataclass(frozen=True)
 class Extreme:
     """One of the largest errors: index of its sample, which is the seed's robot, and |d| in m or |δ| in rad."""
@@ -43,7 +41,6 @@ class Extreme:
     value: float
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Summary(Record):
     """Statistics of the sampled pose error, base axes.
@@ -243,7 +240,6 @@ def capability_index(inside: float) -> float:
     return NormalDist().inv_cdf(inside) / 3
 
 
-@final
 @dataclass(frozen=True)
 class Grounds(Record):
     """What a verdict rests on besides the samples.

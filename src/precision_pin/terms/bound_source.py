@@ -6,7 +6,7 @@ import itertools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from precision_pin.terms.table import is_alike
 from precision_pin.terms.term import Term
 
 
-@final
 class BoundSource:
     """A source with its space of values; results that do not depend on the posture are computed once."""
 

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Literal, final
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -31,7 +31,6 @@ Dependence = Literal["chain", "configuration", "loads"]
 """What a source reads of a posture: its chain; also the joint values; or also the loads."""
 
 
-@final
 @dataclass(frozen=True)
 class SettingField:
     """A setting of a source, or of a part of a setting; ``default`` is :data:`dataclasses.MISSING` if required."""
@@ -79,7 +78,6 @@ def takes_law(hint: Any) -> bool:
     return hint is Law or any(takes_law(part) for part in typing.get_args(hint))
 
 
-@final
 @dataclass(eq=False, slots=True)
 class _Leaf:
     """One value among the settings of a source.
@@ -247,7 +245,6 @@ class Source(ABC):
     words: ClassVar[Mapping[str, str]] = {}
     """Texts for settings and own draws, with ``{subject}`` or other settings; else kind, setting and subject."""
 
-    @final
     def describe(self, setting: str) -> str:
         """Return the description of a setting (``rz``, ``segments[0].wall``) or of an own draw."""
         first, *parts = re.sub(r"\[(\d+)\]", lambda index: f" {int(index[1]) + 1}", setting).split(".")
@@ -258,23 +255,19 @@ class Source(ABC):
         said = " of ".join([*reversed(parts), first]).replace("_", " ")
         return f"{self.kind().replace('_', ' ')} {said} of {self.subject}"
 
-    @final
     def label(self) -> str:
         """Return ``kind[subject]``, the prefix of the names of its unnamed draws."""
         return f"{self.kind()}[{self.subject}]"
 
-    @final
     def settings(self) -> dict[str, object]:
         """Return the settings by field name."""
         return {name: getattr(self, name) for name in _field_names(type(self))}
 
-    @final
     def draws(self, label: str) -> tuple[Draw, ...]:
         """Return every draw of the source that the model does not name: laws in its settings, and own draws."""
         held = [leaf.draw for leaf in _leaves(self, label)]
         return (*(draw for draw in held if draw is not None), *self.own_draws(label))
 
-    @final
     def places(self, label: str) -> dict[str, str]:
         """Return, for each random number the source uses, its setting or own draw.
 
@@ -286,7 +279,6 @@ class Source(ABC):
         first = dict(reversed(found))
         return {name: first[name].removeprefix(f"{label}.") for name, _ in found}
 
-    @final
     def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
         """Return every random number the source uses with its quantity, None if no setting gives one.
 

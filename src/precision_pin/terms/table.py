@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,6 @@ from precision_pin.robot.places import Place
 from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class TermTable(Fixed):
     """Displacements of targets as products of parameters.
@@ -113,7 +111,6 @@ class TermTable(Fixed):
         return tuple(SlopeColumns(component[a:b], slopes[:, a:b]) for a, b in itertools.pairwise(ends.tolist()))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class SlopeColumns(Fixed):
     """Derivatives ``(6, m)`` by the components in columns ``(m,)``; all others are zero."""
@@ -131,7 +128,6 @@ def _sum_entries(
     return keys // max(width, 1), keys % max(width, 1), sums
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class TableLayout(Fixed):
     """What the tables of one model at different poses share: all but twists and frames.

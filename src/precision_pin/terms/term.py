@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add, mul
-from typing import final, overload
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +29,6 @@ MOST_FACTORS = 3
 """Most parameters in one term."""
 
 
-@final
 @dataclass(frozen=True)
 class JointValue:
     """A joint value as a target: Δθ in rad or Δd in m of a joint (0-based on the chain)."""
@@ -40,7 +39,6 @@ class JointValue:
 Target = JointValue | Place
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Term:
     """A displacement: ``target += twist × product of factors``.
@@ -98,7 +96,6 @@ class Term:
         return cls(target, scaled, tuple(factors), loaded)
 
 
-@final
 class TermsOfPose(Sequence[Term]):
     """The terms of posture ``pose`` of P, made when read from common terms with P twists, or one for all."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from time import monotonic
-from typing import Any, ClassVar, Final, Literal, final
+from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,6 @@ Basis = Literal["proof", "samples", "normal law"]
 """Basis of a lower bound of the cost."""
 
 
-@final
 @dataclass(frozen=True)
 class AllocatedLimit(Record):
     """A limit at its worst pose, with the chosen tolerances.
@@ -119,7 +118,6 @@ def tightest_of(limits: Sequence[AllocatedLimit]) -> int:
     return max(range(len(limits)), key=lambda k: (not limits[k].is_kept, limits[k].first_order / limits[k].limit))
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class AllocationResult(AnalysisResult):
     """Cheapest tolerances that keep every limit, or the narrowest ones where none do.
@@ -246,7 +244,6 @@ _ROUNDING: Final = 1e-9
 _DEVIATIONS: Final = 3.0
 
 
-@final
 @dataclass(frozen=True)
 class SourcePart(Record):
     """Contribution of a source, the root mean square (worst case: largest deviation), m or rad.
@@ -264,7 +261,6 @@ class SourcePart(Record):
     is_chosen: bool
 
 
-@final
 @dataclass(frozen=True)
 class ErrorParts(Record):
     """Parts of the first-order error at the worst pose of the tightest limit, largest first.

@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import monotonic
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,6 @@ _TIMES_OFF: Final = 2.0
 _NUMBERS: Final = 2**22
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Judged:
     """Verdict of exact-model samples on tolerances.
@@ -70,7 +69,6 @@ class Judged:
         return self.is_clear or self.is_failed or (self.is_met and self.is_short)
 
 
-@final
 class Judge:
     """Judges tolerances by fresh samples of the exact model; look n gets 1/(n(n+1)) of the error probability.
 
@@ -134,7 +132,6 @@ class Judge:
         )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Walk:
     """End of a walk through the choices.

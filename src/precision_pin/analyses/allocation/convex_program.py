@@ -24,7 +24,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from time import monotonic
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,6 @@ def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]
     return least, most
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Limit(Fixed):
     """A limit at every pose.
@@ -153,7 +152,6 @@ class Limit(Fixed):
         return mean, padded
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Solution(Fixed):
     """Cheapest tolerances.
@@ -174,7 +172,6 @@ class Solution(Fixed):
     bound_prices: Array
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Programme:
     """Minimise the sum of the costs within bounds ``low``, ``high`` and limits; each tolerance's ``costs`` add up."""
@@ -600,7 +597,6 @@ _REACH: Final = 3.0
 _EDGE: Final = 1.001
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class FrontPoint(Record):
     """Cheapest first-order tolerances ``(n,)``, m or rad, for limits times ``factor``; no late lower bound."""

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 
@@ -38,7 +38,6 @@ _BOUNDS: Final = ("rms", "worst_case")
 _SIGN: Final = re.compile(TOLERANCE_PATTERN)
 
 
-@final
 @dataclass(frozen=True)
 class Bound:
     """A limit of the first-order model: root mean square of a norm, or the largest value of each component."""
@@ -53,7 +52,6 @@ class Bound:
         return (0, 1, 2) if self.is_position else (3, 4, 5)
 
 
-@final
 @dataclass(frozen=True)
 class Problem:
     """Tolerances, limits and poses; no poses means all of the sheet's."""

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,6 @@ _MOST_POWER: Final = 100.0
 _LARGEST: Final = 1e50
 
 
-@final
 @dataclass(frozen=True)
 class Cost:
     """A cost that decreases with the tolerance t (m, rad) and is convex in t and t².
@@ -73,7 +72,6 @@ class Cost:
         return {"reciprocal": 1.0, "squared": 2.0}.get(self.kind) or self.numbers[1]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Grades(Fixed):
     """Available tolerances (m, rad; narrowest first), their names, such as ``IT7`` or empty, and prices ``(g,)``."""
@@ -99,7 +97,6 @@ class Grades(Fixed):
         return np.maximum(np.searchsorted(self.widths, t * (1 + 1e-9), side="right") - 1, 0)
 
 
-@final
 @dataclass(frozen=True)
 class Tolerance:
     """A tolerance to choose.
@@ -306,7 +303,6 @@ _WIDTH: Final = 3.0
 _FEW: Final = 64
 
 
-@final
 class NoScaleError(InputError):
     """The error is not proportional to the tolerance at ``path``."""
 
@@ -315,7 +311,6 @@ class NoScaleError(InputError):
         self.path = path
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Contributions(Fixed):
     """First-order error at P poses: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
@@ -425,7 +420,6 @@ def contributions(
     )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Moved(Fixed):
     """Columns ``(c,)`` of components, and the slopes of the error by them in standard deviations, ``(6, c, P)``."""

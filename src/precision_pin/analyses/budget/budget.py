@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,6 @@ def list_random_draws(space: Space) -> list[bool]:
     return [bool(variances[rows].any()) for rows in space.slices]
 
 
-@final
 class SampledBudget:
     """Estimates of the exact model at one pose."""
 
@@ -362,7 +361,6 @@ def _at_pose(
 _BITS: Final = 30
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Indices:
     """Sobol indices of G groups of inputs and Q outputs.
@@ -494,7 +492,6 @@ _NEGLIGIBLE: Final = 1e-12
 _NEAR: Final = 0.02
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Quantiles:
     """Quantiles of several rows of samples.

@@ -39,7 +39,6 @@ class Estimate:
         return (self.interval[1] - self.interval[0]) / 2
 
 
-@final
 @dataclass(frozen=True)
 class Halved:
     """Effect of halving one draw's tolerance: new values, and the change of the quantile with the same random numbers.
@@ -54,7 +53,6 @@ class Halved:
     change: Mapping[str, Estimate | None]
 
 
-@final
 @dataclass(frozen=True)
 class DrawShare:
     """Contribution of one draw.
@@ -81,7 +79,6 @@ class DrawShare:
     tolerance: str
 
 
-@final
 @dataclass(frozen=True)
 class Group:
     """Sobol indices of a draw, or of several draws that are correlated with one another.
@@ -100,7 +97,6 @@ class Group:
     nonlinear: tuple[str, ...]
 
 
-@final
 @dataclass(frozen=True)
 class SourceShare:
     """Share of a source's own draws, of one draw that several sources (or none) use, or of a part of a joint draw."""
@@ -111,7 +107,6 @@ class SourceShare:
     share: Shares
 
 
-@final
 @dataclass(frozen=True)
 class PlaceShare:
     """Share of a joint or a chain link."""
@@ -120,7 +115,6 @@ class PlaceShare:
     share: Shares
 
 
-@final
 @dataclass(frozen=True)
 class Sums:
     """Sums of the shares of one quantity, as a check.
@@ -138,7 +132,6 @@ class Sums:
     variance: Estimate | None
 
 
-@final
 @dataclass(frozen=True)
 class PoseBudget:
     """Error budget at one pose.
@@ -183,7 +176,6 @@ class PoseBudget:
         return next(line for line in self.groups if name in line.draws)
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class BudgetResult(Result):
     """Error budgets; ``k`` cuts unbounded laws (standard deviations), ``marked`` is the quantiles' probability."""

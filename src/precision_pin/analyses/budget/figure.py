@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -146,7 +146,6 @@ def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Shares]]) -> 
 MOST_BARS: Final = 12
 
 
-@final
 @dataclass(frozen=True)
 class Bar:
     """One bar: name, tolerance, share of the variance and total index, as far as they exist."""

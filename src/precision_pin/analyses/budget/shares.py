@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, TypeVar, final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -231,7 +231,6 @@ def deviations_of(variances: Array) -> dict[str, float]:
     return {name: float(np.sqrt(max(square, 0.0))) for name, square in squares.items()}
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class SourceLine:
     """Group of draws reported as one source: a source's own draws, a draw that several use, or a part of one.

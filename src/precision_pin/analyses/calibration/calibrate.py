@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, NamedTuple, final
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,7 +52,6 @@ _FEW_STEPS: Final = 3
 """Steps of a fit that only serves to find gross errors, which need not settle while there are any."""
 
 
-@final
 @dataclass(frozen=True)
 class GrossError(Record):
     """A reading without weight: its row, from 1, the length (m) of its residual in the fit without it, its size in std.
@@ -69,7 +68,6 @@ class GrossError(Record):
     reading: int
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationResult(PosesOutcome):
     """A calibrated robot, beside what :class:`PosesOutcome` has.
@@ -507,7 +505,6 @@ _TOLD: Final = 1.5
 """How many times too small deviations may be that are called honest."""
 
 
-@final
 @dataclass(frozen=True)
 class LeftOutShare(Record):
     """How far off left-out readings are against their own covariance, and the share of them within its 95 % ellipsoid.
@@ -548,7 +545,6 @@ class LeftOutShare(Record):
         return "honest" if high <= _TOLD else "undecided"
 
 
-@final
 @dataclass(frozen=True)
 class Improvement(Record):
     """Root mean square lengths (m) of left-out readings by base and target alone, and by the calibrated arm.

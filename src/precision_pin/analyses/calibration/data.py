@@ -19,7 +19,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, islice
-from typing import Any, Final, NamedTuple, final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import scipy.optimize
@@ -60,7 +60,6 @@ _RIGID: Final = 0.01
 """Spread of the distance between targets, in deviations of the instrument, that its own errors would exceed."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class CalibrationData(Record):
     """P readings.

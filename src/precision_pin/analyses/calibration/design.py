@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, wraps
 from itertools import compress
-from typing import ClassVar, Final, NamedTuple, ParamSpec, TypeVar, final
+from typing import ClassVar, Final, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -63,7 +63,6 @@ NEGLIGIBLE: Final = 1e-9
 """Singular value, relative to the largest, below which a combination of numbers changes no reading."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class UnitNumbers:
     """Varying numbers drawn once for each robot: U columns of the space, prior means and deviations ``(U,)``, and L.
@@ -282,7 +281,6 @@ def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
     return np.asarray((vectors / (1 + np.maximum(values, 0.0))) @ vectors.T)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Estimator:
     """The linear estimate of z and the nuisances from whitened readings with derivatives ``(M, r)`` and ``(M, k)``.
@@ -378,7 +376,6 @@ _ENTRY: Final = 1e-6
 _MOST_NAMED: Final = 4
 
 
-@final
 @dataclass(frozen=True)
 class Combination(Record):
     """A weighted sum of numbers in prior standard deviations; the squared weights add up to 1."""
@@ -397,7 +394,6 @@ class Combination(Record):
         return " ".join(f"{weight:+.3g}·{name}" for name, weight in self.weight_by_name.items())
 
 
-@final
 @dataclass(frozen=True)
 class Group(Record):
     """Numbers with only some combinations determined, and the unseen combination if there is only one."""
@@ -411,7 +407,6 @@ class Group(Record):
         return text if self.unseen is None else f"{text}; not seen: {self.unseen}"
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Identifiability(Record):
     """What readings determine of a model's U numbers drawn once for each robot.
@@ -583,7 +578,6 @@ def _group(names: tuple[str, ...], block: Array) -> Group:
     return Group(names, len(names) - missing, Combination(names, tuple(weights.tolist())) if missing == 1 else None)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Instruments:
     """Measurements whose unknown numbers (nuisances) are shared where they have one name; one measurement or many.
@@ -641,7 +635,6 @@ def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station,
     )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class SetUp(Record):
     """Set-up of an instrument as estimated; what does not belong to the readings is ``None``.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -190,7 +190,6 @@ _LIMITED: Final = {
 """What lines show of readings that have not three lengths."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class CalibrationLayer:
     """A calibration, its worst readings, which are drawn, and colours for residuals of readings that have weight."""

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress, pairwise, product
-from typing import ClassVar, Final, Literal, NamedTuple, final
+from typing import ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -57,7 +57,6 @@ _ALONE: Final = 1e-9
 """Share of a group's readings that the others leave free, below which the group alone determines something."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, and where the fit begins.
@@ -517,7 +516,6 @@ _STEPS: Final = 41
 _REACH: Final = float(stats.chi2.ppf(LEVEL, 1))
 
 
-@final
 @dataclass(frozen=True)
 class EstimatedStd(Record):
     """A standard deviation that readings tell, with the 95 % interval of its profile likelihood, m or rad.
@@ -537,7 +535,6 @@ class EstimatedStd(Record):
     of_all: float
 
 
-@final
 class Likelihood:
     """-2 ln of the restricted likelihood of factors, one for each kind of deviation.
 

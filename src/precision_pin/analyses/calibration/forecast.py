@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import compress
-from typing import Any, ClassVar, Final, NamedTuple, final
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -49,7 +49,6 @@ ERRORS: Final = ("before", "after", "seen", "floor")
 _SEED: Final = 0
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Posterior(Record):
     """Mean and covariance ``(U, U)`` of the numbers drawn once for each robot, and their prior means and deviations, SI."""
@@ -84,7 +83,6 @@ class Posterior(Record):
         return float(self.covariance[row, column])
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class ErrorLeft(Record):
     """The tip's error at a pose before and after a calibration, first order; base axes, m and rad.
@@ -410,7 +408,6 @@ _FACTORS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Multiples of the instrument's standard deviation for which the accuracy is forecast."""
 
 
-@final
 @dataclass(frozen=True)
 class CurvePoint(Record):
     """Number of measured poses, or the instrument's standard deviation, and rms error of the position left over all poses, m."""
@@ -419,7 +416,6 @@ class CurvePoint(Record):
     rms_position: float
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationForecast(PosesOutcome):
     """Accuracy after a calibration, beside what :class:`PosesOutcome` has.
@@ -551,7 +547,6 @@ _TASK_POSE: Final = 1 << 19
 """Number of the first of the user's poses in the random streams, beyond all measured ones."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class SimulatedCalibrations:
     """Calibrations of N simulated robots.

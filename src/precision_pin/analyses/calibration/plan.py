@@ -21,7 +21,7 @@ import heapq
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Literal, final
+from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 import scipy.linalg
@@ -45,7 +45,6 @@ _RIDGE: Final = 1e-9
 """Information on nuisances that is added, as a share of that of all candidates, so that few poses are no singular case."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Design:
     """Losses of designs, to be minimised: -ln det S, or tr(G S⁻¹).
@@ -243,7 +242,6 @@ _ENOUGH: Final = 0.995
 """Efficiency at which no better bound is sought."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Relaxed:
     """A relaxed problem: a bound of its loss, weights ``(P,)``, and their limits, equal where a candidate is settled."""
@@ -351,7 +349,6 @@ _RANDOM: Final = 25
 Criterion = Literal["task", "D"]
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationPlan(PosesOutcome):
     """The poses to measure, beside what :class:`PosesOutcome` has.

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, NamedTuple, final
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 import scipy.optimize
@@ -43,7 +43,6 @@ _UNSEEN: Final = 1e-3
 """Fraction of a component's own information left beside the others, below which only groups are determined."""
 
 
-@final
 @dataclass(frozen=True)
 class MeasuredTolerance(Record):
     """The tolerance of a draw as shown by several robots.
@@ -71,7 +70,6 @@ class MeasuredTolerance(Record):
         return self.low <= 1.0 <= self.high
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Population(Outcome):
     """Tolerances shown by several robots.
@@ -355,7 +353,6 @@ _SLACK: Final = 1e-12
 """Fraction of ln L that a search for an interval's end may miss; the end is found to 1e-4 of itself."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Information of R robots' readings on their U numbers, in prior deviations: A ``(R, U, U)`` and b ``(R, U)``."""
@@ -385,7 +382,6 @@ class VarianceComponents(NamedTuple):
     at_sheet: float
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Likelihood:
     evidence: Evidence
@@ -584,7 +580,6 @@ _NOTED: Final = 1e-7
 """Difference, m, between the two ways to read a YAML's angles that triggers a warning."""
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FactoryCalibration(Outcome):
     """A UR robot as in its factory calibration.

@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,6 @@ _CELLS: Final = 48
 """Largest number of intervals examined for the first quantile."""
 
 
-@final
 @dataclass(frozen=True)
 class Difference(Record):
     """The other minus the first, in the unit of what is compared; no interval where the robots are too few."""
@@ -113,7 +112,6 @@ def quantile_difference(first: Array, other: Array, probability: float, confiden
     return Difference(value, (min(float(lower), value), max(float(upper), value)))
 
 
-@final
 class _Pairs:
     """Pairs ``(N,)`` of a first and a second value, sorted by the second."""
 
@@ -181,7 +179,6 @@ LEVELS: Final = (0.5, 0.95, 0.9973)
 """Probabilities of the compared quantiles."""
 
 
-@final
 @dataclass(frozen=True)
 class Paired(Record):
     """Differences of a model from the first on the same robots, m and rad.
@@ -198,7 +195,6 @@ class Paired(Record):
     shares: tuple[Difference, ...]
 
 
-@final
 @dataclass(frozen=True)
 class PoseComparison:
     """The models at one pose.
@@ -225,7 +221,6 @@ class PoseComparison:
         }
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ComparisonResult(Outcome):
     """Laws of several models, sampled with the same robots, and their differences from the first.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +38,6 @@ Mode = Literal["position", "pose"]
 """Corrected components: position alone, or position and attitude."""
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CompensationResult(AnalysisResult):
     """Corrected joint values of P poses and the remaining errors, base axes, m and rad.
@@ -298,7 +297,6 @@ _DIFFERENCE: Final = 1e-5
 """Half of the step of the central differences: rad, or lengths of the chain."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Correction(Fixed):
     """Corrected joint values of P poses.
@@ -391,7 +389,6 @@ class _State(NamedTuple):
     poses: NDArray[np.intp]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class _Arm:
     """The arm with every component at its mean, and its target poses ``(4, 4, P)``; approaches are ``(n, P)``."""

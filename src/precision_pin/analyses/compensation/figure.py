@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -99,7 +99,6 @@ _LINES: Final = (
 )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class CompensationLayer:
     """Layer of a compensation.

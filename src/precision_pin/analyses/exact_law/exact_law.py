@@ -80,7 +80,6 @@ class Agreement(Record):
         return "within the band" if self.agrees else "BEYOND THE BAND"
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class ExactLaw:
     """Law of one quantity.
@@ -146,7 +145,6 @@ class ExactLaw:
         }
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PoseLaws(Record):
     """Laws of the eight quantities at one pose.
@@ -160,7 +158,6 @@ class PoseLaws(Record):
     warnings: tuple[str, ...] = ()
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ExactLawResult(Result):
     """Exact laws at one or several poses; samples and confidence are those of the agreement."""

@@ -34,7 +34,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import ClassVar, Final, final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,6 @@ class NumberLaw(ABC):
         return optimize.brentq(excess, self.low, self.high, xtol=1e-16 * (self.high - self.low), rtol=1e-15)
 
 
-@final
 @dataclass(frozen=True)
 class NormalLaw(NumberLaw):
     """Law of a normal number."""
@@ -123,7 +122,6 @@ class NormalLaw(NumberLaw):
         return np.exp(-(((x - self.mean) / self.std) ** 2) / 2) / (math.sqrt(2 * math.pi) * self.std)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class SingleLaw(NumberLaw):
     """Law of a single part."""
@@ -169,7 +167,6 @@ MOST_PIECES: Final = 2000
 """Largest number of pieces of the integral; a sum with more pieces is computed as a series."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class ConvolvedLaw(NumberLaw):
     """Law of two parts, ``F(x) = ∫ F₁(x - z(s)) w(s) ds`` along the parameter of the second.
@@ -264,7 +261,6 @@ _AIMS: Final = (
 )
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class SeriesLaw(Fixed, NumberLaw):
     """Fourier series of a law on its support.
@@ -398,7 +394,6 @@ def _sum_converging(terms: Array) -> float:
     return total * (1 + 1e-9) if terms[-1] <= 1e-15 * total or total < 1e-250 else math.inf
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Summand(Fixed):
     """Independent part of a sum, in the form that the series needs.
@@ -468,7 +463,6 @@ _AT_ONCE: Final = 4_000_000
 _FLAT: Final = 1e-9
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class NormalNorm(Fixed, NumberLaw):
     """Law of |v| for a normal vector v with mean ``centre`` ``(3,)`` and covariance ``matrix`` ``(3, 3)``."""

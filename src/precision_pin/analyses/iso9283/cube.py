@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Final, final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,7 +191,6 @@ _SHARE: Final = 0.4
 _STILL: Final = 1e-6
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Cube(Record):
     """The cube that a test is made in.
@@ -298,7 +297,6 @@ _NEIGHBOURS: Final = 6
 _MANY: Final = 100
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class ToolPoses:
     """Joint values for points that the tool takes with one orientation.

@@ -27,7 +27,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -159,7 +159,6 @@ class _Figures(Record):
         return getattr(self, check_name("figure", name, self.keys()))
 
 
-@final
 @dataclass(frozen=True)
 class MeasuredPose(_Figures):
     """Accuracy and repeatability of one robot at one pose, m and rad, base axes.
@@ -185,7 +184,6 @@ class MeasuredPose(_Figures):
     RP_c: float
 
 
-@final
 @dataclass(frozen=True)
 class MeasuredDistance(_Figures):
     """Accuracy and repeatability of the distance between two poses of one robot, m and rad, base axes.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, NamedTuple, final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -268,7 +268,6 @@ def _exchangeability(error_model: ErrorModel, first: Array) -> tuple[Array | Non
 FIGURES: Final = (*OF_POSE, *SINGLE)
 
 
-@final
 @dataclass(frozen=True)
 class FigureLimit:
     """Limit ``limit`` (m or rad) of ``|figure|``, at every pose, kept by at least a fraction ``required`` of robots."""
@@ -313,7 +312,6 @@ _STEP: Final = 0.5
 _VISITS: Final = 2**14
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Setup:
     """Data common to all robots.

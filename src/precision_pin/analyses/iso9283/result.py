@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final, final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,7 +39,6 @@ LEVELS: Final = (0.0027, 0.05, 0.5, 0.95, 0.9973)
 """Probabilities of the quantiles in the JSON."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class FigureLaw(Record):
     """Law of a figure, m or rad, over built robots and tests; ``values`` are those of each robot (E: group of five)."""
@@ -108,7 +107,6 @@ SINGLE: Final = ("AD", "RD", "E", "vAP", "RP_bidirectional", "drift")
 """Figures of a whole test."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PoseForecast(Record):
     """Laws of the figures at a pose, m and rad.
@@ -150,7 +148,6 @@ _ALIKE: Final = 1e-6
 _DISTANCE_POSES: Final = tuple(f"P{pose + 1}" for pose in formulas.DISTANCE)
 
 
-@final
 @dataclass(frozen=True)
 class ComparedFigure(Record):
     """A measured figure within its forecast law.
@@ -176,7 +173,6 @@ class ComparedFigure(Record):
         return self.probability <= LEAST
 
 
-@final
 @dataclass(frozen=True)
 class Comparison(Record):
     """A measured robot compared with the forecast.
@@ -280,7 +276,6 @@ def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]
     return found
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Iso9283Result(AnalysisResult):
     """Law of every figure of ISO 9283:1998 over built robots and tests; base axes, m and rad.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -274,7 +274,6 @@ _FACES: Final = np.array(
 _DECIMALS: Final = 8
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PlacesData:
     """Layer with the places of a map, ``(3, M)``, m, and the result at the worst pose as text.

@@ -40,7 +40,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,7 +60,6 @@ from precision_pin.robot.chain import pose_findings
 from precision_pin.terms.table import TermTable
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class FirstOrder(Fixed):
     """First-order moments at P poses, base axes, m and rad.
@@ -211,7 +210,6 @@ _FLAT: Final = 1e-12
 _Slopes = tuple[NDArray[np.intp], NDArray[np.intp], Array]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class LawShapes(Fixed):
     """Moments of the d numbers of a space about their means, powers of SI units, ``(d,)`` each.
@@ -401,7 +399,6 @@ def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
     return cumulants[1], cumulants[2] + 3 * std**4, eighth
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Vectors(Fixed):
     """Errors at P poses, each a vector with up to three components.

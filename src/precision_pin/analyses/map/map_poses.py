@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,7 +58,6 @@ _MOST_ROWS: Final = 20
 _WRITTEN, _ENCODING = 40, 250
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Relative(Fixed):
     """Error of each robot minus its error at a reference pose ``q`` ``(n,)``, first order, base axes, m and rad.
@@ -82,7 +81,6 @@ class Relative(Fixed):
         }
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MapResult(AnalysisResult):
     """Law of the pose error at P poses, base axes, m and rad; NaN where no joint values are known.

@@ -47,7 +47,6 @@ class Sampled:
         return np.array(found, dtype=np.intp).reshape(len(of), len(self.poses))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Judged(Fixed):
     """Verdicts of sampled robots on each specification at each of P poses.
@@ -142,7 +141,6 @@ def _named(order: int) -> Verdict:
     return "not judged" if order == NOT_JUDGED else _WORST_FIRST[order]
 
 
-@final
 @dataclass(frozen=True)
 class MapVerdict(Record):
     """Verdict on a specification over the poses of a map whose joint values are known.

@@ -36,7 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, cast, final, get_args
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,6 @@ _WORDS: Final[dict[str, str]] = {
 }
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Measured(Record):
     """Numbers of any shape, NaN if not resolved, with standard errors and half-widths of intervals, if sampled."""
@@ -100,7 +99,6 @@ class Measured(Record):
         return middle - half, middle + half
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Remainder(Record):
     """Range of validity of a closed form.
@@ -118,7 +116,6 @@ class Remainder(Record):
     last_covariance: Array | None
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PoseMoments(Record):
     """Moments at one pose, base axes.
@@ -185,7 +182,6 @@ class PoseMoments(Record):
         return None if self.norm_variance is None else deviations(self.norm_variance)
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MomentsResult(Result):
     """Mean and covariance of the exact error at one or several poses, computed by ``method``."""
@@ -421,7 +417,6 @@ def _at_pose(
     )
 
 
-@final
 class _Sampled:
     """Mean products of the rows 1, control t (6, if any), g or y (6) and centred norms (2) of every replicate."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from typing import Final, NamedTuple, final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ STEP: Final = 0.5
 _FLAT: Final = 1e-12
 
 
-@final
 class ErrorAround:
     """Exact error around the means of the components."""
 

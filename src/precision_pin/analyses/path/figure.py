@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -123,7 +123,6 @@ def path_chapter(result: PathResult) -> Chapter:
 _WIDEST: Final = 0.025
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PathLayer:
     """Layer of a path and its band, with the colours of the quantile of |d| at each pose."""

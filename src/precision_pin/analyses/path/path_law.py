@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import islice
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,6 @@ LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
 _NORMS: Final = ("position", "attitude")
 
 
-@final
 @dataclass(frozen=True)
 class MaximumQuantile:
     """Quantile of the largest error along the path, m or rad, and its interval; ``None`` for too few robots."""
@@ -61,7 +60,6 @@ class MaximumQuantile:
     interval: tuple[float, float] | None
 
 
-@final
 @dataclass(frozen=True)
 class Band(Record):
     """Band below a curve, meant to hold the whole error curve of a given fraction of the robots.
@@ -79,7 +77,6 @@ class Band(Record):
     coverage_interval: tuple[float, float]
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PathResult(AnalysisResult):
     """Law of a robot's largest error along a path of P poses, and bands for its error over them; m and rad.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final, final
+from typing import ClassVar, Final
 
 import numpy as np
 from scipy import special
@@ -33,7 +33,6 @@ _MOST_DIGITS: Final = 9
 _AGREEING: Final = 0.99
 
 
-@final
 @dataclass(frozen=True)
 class Estimate(Record):
     """Probability of failure with its uncertainty.

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,6 @@ _MOST_ROUNDS: Final = 8
 _BULGE_STARTS: Final = 8
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class DesignPoint(Fixed):
     """Point of the failure surface closest to the origin among its neighbours.
@@ -73,7 +72,6 @@ class DesignPoint(Fixed):
         return float(special.ndtr(-self.beta))
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Form:
     """Result of the search.
@@ -295,7 +293,6 @@ RARE: Final = 1e-2
 _STEEP_SHARE: Final = 0.1
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Jump(Fixed):
     """Normal number (``row``) whose value jumps at all inner ``edges``, ``(k + 1,)`` values of Φ(u) from 0 to 1."""
@@ -320,7 +317,6 @@ class Jump(Fixed):
         return np.clip(special.ndtri(inside), -FARTHEST, FARTHEST)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Stratum(Fixed):
     """Stratum: some draws restricted to some of their values, in one or several combinations.
@@ -453,7 +449,6 @@ class Stratum(Fixed):
         return tuple(found)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Strata:
     """Mutually exclusive strata, and the probability outside all of them."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -268,7 +268,6 @@ _KEPT: Final = 0.8
 _TOLD: Final = 160
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Subset(Fixed):
     """Result of subset simulation.

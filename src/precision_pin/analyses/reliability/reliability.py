@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 import numpy as np
 
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class LikelyFailure(Record):
     """Design point in terms of the model's parameters.
@@ -67,7 +66,6 @@ class LikelyFailure(Record):
         return {"position": self.error[:3], "attitude": self.error[3:]}
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SpecificationReliability(RareEvents, Record):
     """Reliability for one specification at one pose.
@@ -167,7 +165,6 @@ class SpecificationReliability(RareEvents, Record):
         ]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PoseReliability(Record):
     """Reliability for all specifications at one pose."""
@@ -178,7 +175,6 @@ class PoseReliability(Record):
     specifications: tuple[SpecificationReliability, ...]
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ReliabilityResult(Result):
     """Reliability at one or several poses; ``samples`` is the number of plain samples."""

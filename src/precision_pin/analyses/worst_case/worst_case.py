@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Final, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,6 @@ BENT: Final = 1e-3
 _ROUNDING: Final = 1e-14
 
 
-@final
 @dataclass(frozen=True)
 class Contribution:
     """Contribution of a draw to the worst first-order error of a norm.
@@ -70,7 +69,6 @@ class Contribution:
     at: str
 
 
-@final
 @dataclass(frozen=True)
 class ComponentBound:
     """Bounds of a component of the first-order model (m or rad), and the smallest and largest sampled value."""
@@ -81,7 +79,6 @@ class ComponentBound:
     seen: tuple[float, float]
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class ExactMaximum(Record):
     """Largest error of the exact model found by local search, a lower bound of the maximum.
@@ -97,7 +94,6 @@ class ExactMaximum(Record):
     starts: int
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class NormBound(Record):
     """Worst case of |d| or |δ|.
@@ -160,7 +156,6 @@ class NormBound(Record):
         }
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PoseWorstCase(Record):
     """Worst case at one pose.
@@ -190,7 +185,6 @@ class PoseWorstCase(Record):
         return {one.quantity: {"first_order": (one.low, one.high), "seen": one.seen} for one in self.components}
 
 
-@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class WorstCaseResult(Result):
     """Worst case at one or several poses; ``cut`` are the draws whose laws were cut at ``k`` standard deviations."""
@@ -612,7 +606,6 @@ class _Described(Body):
         return result
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Supports(Fixed):
     """Supports of all draws as deviations from the means; correlated normal draws form one body."""
@@ -722,7 +715,6 @@ _ASCENTS: Final = 500
 _CHUNK: Final = 2**15
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Farthest(Fixed):
     """Bounds of the largest |z| over a body.

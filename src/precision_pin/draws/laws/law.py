@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Final, Literal, Protocol, cast, final
+from typing import Any, ClassVar, Final, Literal, Protocol, cast
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -51,7 +51,6 @@ DEVIATIONS: Final = object_schema({"std": {}}, "std")
 """JSON schema of a standard deviation under a law's key."""
 
 
-@final
 @dataclass(frozen=True)
 class LawOption:
     """A key allowed beside a law's own.
@@ -70,7 +69,6 @@ class LawOption:
 MEAN: Final = LawOption("mean", "default 0", "1 mm")
 
 
-@final
 @dataclass(frozen=True)
 class SheetForm:
     """The form of a law in a sheet.
@@ -360,12 +358,10 @@ class Law(ABC):
         """Uniform numbers in (0, 1) at which the inverse of a law of one number jumps or bends."""
         return ()
 
-    @final
     def inverse(self, uniforms: Array) -> Array:
         """Return samples from uniform numbers (quasi-random points), whatever :attr:`variates` is."""
         return self.sample(uniforms if self.variates == "uniform" else lazy_special.ndtri(uniforms))
 
-    @final
     def at_scores(self, scores: Array) -> Array:
         """Return samples from standard normal numbers (correlated draws), whatever :attr:`variates` is."""
         return self.sample(scores if self.variates == "normal" else cumulative(scores))
@@ -424,7 +420,6 @@ Branch = Literal[
 """The loops of ``apply_laws`` in kernel/loops.py; laws may share one."""
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class KernelRow(Fixed):
     """The row of a law in the tables of the compiled loops.
@@ -481,7 +476,6 @@ def _values(law: Law, scores: Array) -> Array:
     return law.at_scores(scores.reshape(1, -1))[0].reshape(scores.shape)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Series(Fixed):
     """Legendre series of the density of a law of one number, about its mean.
@@ -567,7 +561,6 @@ def series_of(law: Law) -> Series | None:
     return Series(points, weights, low, high, moments, cells.ravel(), shares.ravel())
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class DerivedProjection(Projection):
     """Projection of a law of one number by the series of its density."""

@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar, Final, Literal, final
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,7 +74,6 @@ _MARGIN: Final = 1.0 + 1e-6
 """Lines η tried for the bound; nodes of the Laplace transform, and a factor that covers its quadrature error."""
 
 
-@final
 @dataclass(frozen=True)
 class Lognormal(Law):
     """The exponential of a normal number, for what is never negative and varies by a factor, such as a stiffness.
@@ -196,7 +195,6 @@ class Lognormal(Law):
         return np.exp(1j * t) * np.where(t < 0, value.conj(), value)
 
 
-@final
 @dataclass(frozen=True)
 class _Projection(Projection):
     """Projection of a lognormal number, the weight times (x - mean)."""

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Final, Literal, cast, final
+from typing import Any, ClassVar, Final, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,7 +72,6 @@ class BoundedLaw(Law):
         return max(w * end for end in self.ends)
 
 
-@final
 @dataclass(frozen=True)
 class Empirical(BoundedLaw):
     """A measured distribution: a table of quantiles with straight lines between them.
@@ -266,7 +265,6 @@ def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]
     return tuple((share, reader.number(*where, k, 1)) for k, share in enumerate(shares))
 
 
-@final
 @dataclass(frozen=True)
 class TwoPoint(BoundedLaw):
     """One of two values, centre - half_width or centre + half_width, such as a clearance taken up on one side.
@@ -362,7 +360,6 @@ class TwoPoint(BoundedLaw):
 _ROWS_FILE: Final = object_schema({"file": {"type": "string"}, "columns": {"type": "array"}}, "file")
 
 
-@final
 @dataclass(frozen=True)
 class Rows(Law):
     """Several numbers measured together: the rows of a table, all equally likely.
@@ -490,7 +487,6 @@ class Rows(Law):
         return in_chunks(lambda part: np.exp(1j * (self.array @ part)).mean(axis=0), t, len(self.table))
 
 
-@final
 @dataclass(frozen=True)
 class JointNormal(Law):
     """Several jointly normal numbers.

@@ -10,7 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +104,6 @@ class SymmetricProjection(Projection):
         return np.where(np.abs(z) < self.reach, density, 0.0)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Lines(Fixed, Projection):
     """Uniform pieces and single values: projection of empirical and two-point laws and of rows of a table.

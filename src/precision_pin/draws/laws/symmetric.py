@@ -6,7 +6,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Final, Literal, cast, final
+from typing import ClassVar, Final, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,7 +105,6 @@ class HalfWidthLaw(SymmetricLaw):
         return self.along(self.half_width).characteristic(frequency).real
 
 
-@final
 @dataclass(frozen=True)
 class Fixed(SymmetricLaw):
     """A number that does not vary, but is a parameter, so that derivatives by it exist."""
@@ -149,7 +148,6 @@ class _StraightProjection(SymmetricProjection):
         return self.scale_to_reach(z)
 
 
-@final
 @dataclass(frozen=True)
 class _UniformProjection(_StraightProjection):
     breaks: ClassVar = (-1.0, 1.0)
@@ -171,7 +169,6 @@ class _UniformProjection(_StraightProjection):
         return power_bound(1.0, 1.0, self.reach * frequency)
 
 
-@final
 @dataclass(frozen=True)
 class Uniform(HalfWidthLaw):
     """Uniform on mean ± half_width."""
@@ -193,7 +190,6 @@ class Uniform(HalfWidthLaw):
         return self.half_width * other.half_width * 2 / math.pi * math.asin(correlation / 2)
 
 
-@final
 @dataclass(frozen=True)
 class _TriangularProjection(_StraightProjection):
     breaks: ClassVar = (-1.0, 0.0, 1.0)
@@ -221,7 +217,6 @@ class _TriangularProjection(_StraightProjection):
         return power_bound(4.0, 2.0, self.reach * frequency)
 
 
-@final
 @dataclass(frozen=True)
 class Triangular(HalfWidthLaw):
     """Symmetric triangle on mean ± half_width."""
@@ -254,7 +249,6 @@ class SineProjection(SymmetricProjection):
         return np.arcsin(self.scale_to_reach(z))
 
 
-@final
 @dataclass(frozen=True)
 class ArcsineProjection(SineProjection):
     """Projection of an arcsine law, or of a circle."""
@@ -278,7 +272,6 @@ class ArcsineProjection(SineProjection):
         return power_bound(math.sqrt(2 / math.pi), 0.5, self.reach * frequency)
 
 
-@final
 @dataclass(frozen=True)
 class Arcsine(HalfWidthLaw):
     """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
@@ -299,7 +292,6 @@ SMALLEST_K: Final = 1e-3
 """Smallest k of a truncated normal law; its samples are exact to 1e-16/k of its half-width."""
 
 
-@final
 @dataclass(frozen=True)
 class TruncatedNormal(SymmetricLaw):
     """Normal of standard deviation ``std`` before truncation, cut off at mean ± k·std."""
@@ -355,7 +347,6 @@ class TruncatedNormal(SymmetricLaw):
         return value / math.erf(k / math.sqrt(2))
 
 
-@final
 @dataclass(frozen=True)
 class _TruncatedProjection(SymmetricProjection):
     k: float
@@ -407,7 +398,6 @@ class _TruncatedProjection(SymmetricProjection):
         return np.minimum(np.minimum(cut, whole), 1.0)
 
 
-@final
 @dataclass(frozen=True)
 class Normal(SymmetricLaw):
     """Normal of standard deviation ``std``.
@@ -559,7 +549,6 @@ class PlaneLaw(Law):
         return self.along(self.radius).characteristic(np.hypot(*np.asarray(frequency, dtype=float)))
 
 
-@final
 @dataclass(frozen=True)
 class _DiscProjection(SineProjection):
     def cumulative(self, z: Array) -> Array:
@@ -583,7 +572,6 @@ class _DiscProjection(SineProjection):
         return power_bound(2 * LARGEST_SCALED_BESSEL, 1.5, self.reach * frequency)
 
 
-@final
 @dataclass(frozen=True)
 class Disc(PlaneLaw):
     """A point uniform over the area of a disc about the origin."""
@@ -614,7 +602,6 @@ class Disc(PlaneLaw):
         return f"radius {write_number(self.radius, known[0])}" if known else ""
 
 
-@final
 @dataclass(frozen=True)
 class Circle(PlaneLaw):
     """A point uniform on a circle about the origin."""

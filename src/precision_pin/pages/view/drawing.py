@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -38,7 +38,6 @@ _LIMIT: Final = 0.36
 _SMALLEST: Final = 0.08
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Cloud:
     """The cloud and circles drawn about the tip.
@@ -57,7 +56,6 @@ class Cloud:
     middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Picture:
     """A picture and the facts for its caption.
@@ -249,7 +247,6 @@ _DARKEST: Final = 0.16
 _LIGHTEST: Final = 0.88
 
 
-@final
 @dataclass(frozen=True)
 class Camera:
     """Viewing direction (azimuth and elevation, rad) of a parallel projection with the base's z axis up."""

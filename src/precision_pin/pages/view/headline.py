@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, final
+from typing import Final
 
 import numpy as np
 
@@ -35,7 +35,6 @@ LEVELS: Final = (0.5, 0.95, 0.9973)
 _SHOWN_LEVEL: Final = 0.95
 
 
-@final
 @dataclass(frozen=True)
 class Answer:
     """The answer, its basis, and the verdict on a limit (empty for a size), as plain text that is not yet escaped."""

@@ -17,7 +17,7 @@ import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import astuple, dataclass
-from typing import Any, Final, final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,7 +41,6 @@ _STEPS: Final = 32_767
 _DIMENSION: Final = 6
 
 
-@final
 @dataclass(frozen=True)
 class Groups:
     """Names and indices of draws that are scaled together: the largest contributors alone, the others as one group."""
@@ -135,7 +134,6 @@ SHARES: Final = (0.95, 0.9973)
 _FLAT: Final = 1e-9
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class ViewPose:
     """A pose and the errors sampled there.
@@ -156,7 +154,6 @@ class ViewPose:
     grounds: Grounds = NO_GROUNDS
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class PageData:
     """Data of all poses of a page; ``points``: most samples drawn at a pose, ``count``: number of poses."""
@@ -169,7 +166,6 @@ class PageData:
     specifications: Sequence[Specification]
 
 
-@final
 class PoseData:
     """Pose ``number`` (from 1) of a page, with its checked errors ``(6, N)``.
 
@@ -329,7 +325,6 @@ def _packed(numbers: ArrayLike) -> str:
     return base64.b64encode(np.asarray(numbers, dtype="<f4").tobytes()).decode("ascii")
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
     """An ellipsoid of position errors, with the fraction of the samples inside.

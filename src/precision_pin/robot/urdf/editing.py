@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, final
+from typing import Final
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
@@ -20,7 +20,6 @@ Edit = tuple[int, int, bytes]
 """Replacement of the bytes from the first position to before the second."""
 
 
-@final
 @dataclass(frozen=True)
 class Placement:
     """New position (m) and roll, pitch, yaw (rad) of a joint's ``<origin>``; ``None`` keeps a vector as written."""
@@ -29,7 +28,6 @@ class Placement:
     rpy: Vector | None
 
 
-@final
 @dataclass(frozen=True)
 class AddedFrame:
     """A massless link, and the fixed joint that carries it at a pose (m, rad) in its parent's axes."""
@@ -47,7 +45,6 @@ class _JointText:
     origin: int | None
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class UrdfText:
     """The text of a URDF read without error, in UTF-8, and the byte positions of what can be edited.

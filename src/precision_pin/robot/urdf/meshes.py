@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path, PurePosixPath
-from typing import Any, Final, final
+from typing import Any, Final
 from urllib.parse import unquote
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -317,7 +317,6 @@ def _check_instances(root: ElementTree.Element, geometries: Mapping[str, int]) -
         raise BrokenMeshError("is nested too deep") from None
 
 
-@final
 @dataclass(frozen=True, eq=False)
 class MeshFile:
     """A mesh file whose contents agree with its header: suffix, whole file, and the files that it names.
@@ -578,7 +577,6 @@ def _package(name: str, folder: Path, package_dirs: Sequence[Path]) -> Path | No
     return None
 
 
-@final
 class MeshFiles:
     """Checker of a URDF's mesh files, each once: ``W_MESH_PATH``, ``W_MESH_MISSING``, ``W_MESH_BAD``.
 

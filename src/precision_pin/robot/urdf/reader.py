@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, cast, final
+from typing import Final, cast
 
 from precision_pin.base import files
 from precision_pin.base.errors import Finding, UrdfError, shown
@@ -394,7 +394,6 @@ class _Bad(Exception):
     """An unusable visual or material; carries the reason."""
 
 
-@final
 class Looks:
     """Reader of materials, visuals and collision shapes.
 

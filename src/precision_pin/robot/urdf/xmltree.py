@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal, final
+from typing import Final, Literal
 from xml.parsers import expat
 
 from precision_pin.base import files
@@ -30,7 +30,6 @@ def hint(name: str, valid: Collection[str]) -> str:
     return "; " + nearest(name, valid)
 
 
-@final
 class Findings:
     """Collector of the findings about one file."""
 
@@ -331,7 +330,6 @@ NOT_FINITE: Final = re.compile(r"[+-]?(?:nan(?:\([0-9a-z_]*\))?|inf(?:inity)?|1\
 BLANKS: Final = re.compile(r"[ \t\r\n]+")
 
 
-@final
 @dataclass(frozen=True)
 class Form:
     """Form of an attribute: how many numbers, 0 for text; whether it is required, and may be infinite."""
@@ -341,7 +339,6 @@ class Form:
     infinite: bool = False
 
 
-@final
 @dataclass(frozen=True)
 class Element:
     """Possible contents of an element.
@@ -391,7 +388,6 @@ GRAMMAR: Final[Mapping[str, Element]] = {
 }
 
 
-@final
 @dataclass(frozen=True)
 class Owner:
     """The robot, link or joint whose elements are read; its name starts each finding."""
@@ -500,7 +496,6 @@ def read_name(node: Node, findings: Findings) -> str | None:
     return None
 
 
-@final
 @dataclass(frozen=True)
 class BadNumbers:
     """Reason why a text is not numbers, with its code (``E_NUMBER`` or ``E_NOT_FINITE``)."""
