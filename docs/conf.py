@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx import addnodes
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.inspect import stringify_signature
 
@@ -51,6 +52,7 @@ nb_execution_mode = "off"  # the tutorial is kept executed
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # types are shown as they are written, see signature_as_written
 autodoc_preserve_defaults = True
+autodoc_use_type_comments = False  # there are none, and to look for them takes its time
 python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
 napoleon_numpy_docstring = False
@@ -226,6 +228,15 @@ def shorten_search(app: Sphinx, env: BuildEnvironment) -> None:
     domain.find_obj = find_obj
 
 
+def shorten_contents(app: Sphinx, env: BuildEnvironment) -> None:
+    """List classes without their members beside a page of the reference; each page of the site copies every such entry."""
+    del app
+    for contents in env.tocs.values():
+        for entry in contents.findall(addnodes.compact_paragraph):
+            if entry.get("skip_section_number"):
+                del entry.parent[1:]
+
+
 def mathml(text: str, *, block: bool) -> str:
     """Return a formula as MathML; bars about something as a pair of fences, which sets them close to it."""
     return tex2mathml(text.replace(r"\lvert", r"\left\lvert").replace(r"\rvert", r"\right\rvert"), as_block=block)
@@ -257,6 +268,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-docstring", escape_marks, priority=400)  # before napoleon's
     app.connect("autodoc-process-signature", signature_as_written)
     app.connect("env-check-consistency", shorten_search)
+    app.connect("env-check-consistency", shorten_contents)
     app.connect("missing-reference", find_public_name)
     app.add_directive("rooms", Rooms)
     app.add_directive("public-names", PublicNames)

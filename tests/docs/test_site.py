@@ -111,11 +111,10 @@ def test_a_search_finds_the_words_of_the_field_and_every_code(site):
 def test_the_search_page_names_the_glossary_first_for_the_words_of_the_field(site):
     with chromium() as browser:
         for query, page in (("RP", "Glossary"), ("AP", "Glossary"), ("Cpk", "Glossary"), ("W_FEW_SAMPLES", "Codes of")):
-            visit = visited(browser, site / "search.html")
-            visit.page.goto(f"{(site / 'search.html').as_uri()}?q={query}")
-            visit.page.wait_for_selector("#search-results li a")
-            visit.page.wait_for_function("document.querySelector('.search-summary').innerText.includes('matching')")
-            assert visit.page.inner_text("#search-results li a").startswith(page), query
+            found = visited(browser, f"{(site / 'search.html').as_uri()}?q={query}").page
+            found.wait_for_selector("#search-results li a")
+            found.wait_for_function("document.querySelector('.search-summary').innerText.includes('matching')")
+            assert found.inner_text("#search-results li a").startswith(page), query
 
 
 @needs_chromium
@@ -139,8 +138,9 @@ def test_the_set_up_line_is_shown_whole_and_copied_as_one(site, width):
 @needs_chromium
 def test_labels_of_drawings_stand_apart_and_inside():
     with chromium() as browser:
+        page = browser.new_page()
         for path in sorted((DOCS / "images").glob("*.svg")):
-            page = visited(browser, path).page
+            page.goto(path.as_uri())
             frame = page.evaluate("(({width, height}) => [width, height])(document.documentElement.viewBox.baseVal)")
             boxes = page.eval_on_selector_all(
                 "text",
