@@ -1,7 +1,5 @@
 """``allocate``, ``compare``, ``compensate``, ``iso9283``; ``--set`` and correlations: tables, files, exit codes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -10,8 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from cli.conftest import LONG
+from cli.conftest import GANTRY_SHEET, LONG
 from precision_pin import Chain, ErrorModel
+from support.plain_robot import joint, link, robot
 
 SHEET = "4dof.errors.yaml"
 
@@ -21,40 +20,34 @@ PATHS = [f"axis_install[joint{k}].radius" for k in range(1, 5)]
 
 
 def _sheet(folder, limit):
-    entries = "\n".join(f"    - {{path: '{path}', cost: {{reciprocal: 1 mm}}}}" for path in PATHS)
-    text = (folder / "4dof.errors.yaml").read_text()
-    (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n  specs: ['{limit}']\n  tolerances:\n{entries}\n")
+    entries = "".join(f"    - {{path: '{path}', cost: {{reciprocal: 1 mm}}}}\n" for path in PATHS)
+    text = (folder / SHEET).read_text() + f"\nallocate:\n  specs: ['{limit}']\n  tolerances:\n{entries}"
+    (folder / "wanted.yaml").write_text(text)
     return "wanted.yaml"
 
 
 @pytest.mark.slow
-def test_tolerances_are_chosen_verified_and_written_as_a_sheet_with_the_front(run, folder, new_files):
+def test_tolerances_are_chosen_verified_and_written_as_a_sheet_with_the_front(run, refused, folder, new_files):
     done = run("allocate", _sheet(folder, "37.5 mm @ 95 %"), "--out", "made", "--pareto", "3")
-    assert done.code == 0, done.err
-    lines = done.out.splitlines()
-    assert lines[0].startswith("cost ")
-    assert max(map(len, lines)) <= 100
+    assert done.out.startswith("cost ")
     assert "cost against accuracy" in done.out
     files = {"allocation.json", "allocation.png", "allocation.svg", "allocated.errors.yaml"}
     assert new_files() == {"wanted.yaml", "made"} | {f"made/{name}" for name in files}
     result = json.loads((folder / "made/allocation.json").read_text())
     assert result["schema"] == "precision-pin/allocation/1"
     (spec,) = result["specs"]
-    assert spec["met"]
-    assert spec["interval"][0] >= 0.95
+    assert (spec["met"], spec["interval"][0] >= 0.95) == (True, True)
     assert [one["path"] for one in result["tolerances"]] == PATHS
-    costs = [point["cost"] for point in result["pareto"]]
-    assert len(costs) == 3
-    assert costs == sorted(costs, reverse=True)
+    one, two, three = (point["cost"] for point in result["pareto"])
+    assert one >= two >= three
     assert len(ErrorModel.load(folder / "made/allocated.errors.yaml").poses) == len(result["poses"])
-    assert run("allocate", "wanted.yaml", "--pareto", "1").code == 2
-    assert run("allocate", "wanted.yaml", "--seconds", "0").code == 2
+    refused("allocate", "wanted.yaml", "--pareto", "1")
+    refused("allocate", "wanted.yaml", "--seconds", "0")
 
 
 @pytest.mark.slow
 def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder):
-    done = run("allocate", _sheet(folder, "1 mm"), "--out", "made")
-    assert done.code == 1
+    done = run("allocate", _sheet(folder, "1 mm"), "--out", "made", code=1)
     said = " ".join(done.out.split())
     assert said.startswith(
         "no allocation was found that meets position.norm 1 mm @ 95 %: with every tolerance at its least 0.00 %"
@@ -66,9 +59,9 @@ def test_what_no_tolerance_can_meet_exits_with_1_and_writes_no_sheet(run, folder
 
 
 @pytest.mark.slow
-def test_what_is_to_be_allocated_is_read_by_check(run, folder):
+def test_what_is_to_be_allocated_is_read_by_check(run, refused, folder):
     text = (folder / _sheet(folder, "37.5 mm @ 95 %")).read_text()
-    assert run("check", "wanted.yaml").code == 0
+    run("check", "wanted.yaml")
     for old, new, words in (
         ("reciprocal: 1 mm", "reciprocal: 1 mrad", "unit such as mm"),
         ("reciprocal: 1 mm", "reciprocal: 1e308 mm", "up to 1e+50 in SI"),
@@ -82,10 +75,7 @@ def test_what_is_to_be_allocated_is_read_by_check(run, folder):
     ):
         assert old in text
         (folder / "wanted.yaml").write_text(text.replace(old, new))
-        done = run("check", "wanted.yaml")
-        assert done.code == 2
-        assert done.out.startswith("wanted.yaml:")
-        assert words in done.out
+        assert words in run("check", "wanted.yaml", code=2).out
 
 
 # compare -------------------------------------------------------------------------------------------------------------
@@ -93,23 +83,17 @@ def test_what_is_to_be_allocated_is_read_by_check(run, folder):
 
 @pytest.mark.slow
 def test_the_better_sheet_comes_first_and_the_verdicts_decide(run, folder):
-    text = (folder / "gantry.errors.yaml").read_text("utf-8")
-    (folder / "tighter.yaml").write_text(text.replace("uniform: 0.1 mm", "uniform: 0.05 mm"), "utf-8")
+    (folder / "tighter.yaml").write_text(GANTRY_SHEET.replace("uniform: 0.1 mm", "uniform: 0.05 mm"), "utf-8")
     few = ("--samples", "2000")
     asked = ("compare", "gantry.errors.yaml", "tighter.yaml", *few, "--pose", "home", "--spec")
-    done = run(*asked, "y 0.16 mm @ 99.9 %", "--out", "plots")
-    assert done.code == 1
+    done = run(*asked, "y 0.16 mm @ 99.9 %", "--out", "plots", code=1)
     assert done.out.startswith("'tighter.yaml' is better than 'gantry.errors.yaml': 95 % of robots within |d|")
     assert "'gantry.errors.yaml': spec |dy| within 0.16 mm for 99.9 %: NOT MET" in done.out
     assert "joint_offset[y_axis].offset.uniform  0.1 mm  ->  0.05 mm" in done.out
-    assert {one.name for one in (folder / "plots").iterdir()} == {f"comparison.{end}" for end in ("json", "png", "svg")}
-    assert max(map(len, done.out.splitlines())) <= 120
     saved = json.loads((folder / "plots/comparison.json").read_text())
-    assert saved["schema"] == "precision-pin/comparison/1"
-    assert saved["met"]["gantry.errors.yaml"] is False
-    assert run(*asked, "y 1 mm @ 95 %", "--quiet").code == 0
+    assert (saved["schema"], saved["met"]["gantry.errors.yaml"]) == ("precision-pin/comparison/1", False)
+    run(*asked, "y 1 mm @ 95 %", "--quiet")
     changed = run("compare", "gantry.errors.yaml", *few, "--all-poses", "--set", "joint_offset[y_axis].offset=±0.2 mm")
-    assert changed.code == 0
     assert changed.out.startswith("'gantry.errors.yaml --set' is worse than 'gantry.errors.yaml'")
     assert "pose 'out'" in changed.out
     assert "pose 'home'" in changed.out
@@ -122,7 +106,6 @@ def test_the_better_sheet_comes_first_and_the_verdicts_decide(run, folder):
 def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
     """The file is read by other commands: nominal pose at the corrected values plus the error there is the pose wanted."""
     done = run("compensate", SHEET, "--csv", "right.csv")
-    assert done.code == 0
     lines = done.out.splitlines()
     assert lines[0].startswith("|d| at the means: from 36.77 mm at worst")
     assert "to 0 mm" in lines[0]
@@ -146,18 +129,15 @@ def test_the_corrected_arm_stands_where_it_was_meant_to(run, folder):
 def test_a_trajectory_comes_back_with_its_columns_and_units(run, folder, new_files):
     header = ["t", "joint4 [mrad]", "joint3", "joint2 [deg]", "joint1 [deg]"]
     (folder / "way.csv").write_text(f"{','.join(header)}\n0,-1588,1.536,3,-90\n0.5,-1400,1.3,5,-70\n")
-    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "right.json")
-    assert done.code == 0
+    run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--json", "right.json")
     first, *rows = csv.reader((folder / "right.csv").read_text().splitlines())
     assert first == header
-    assert [float(row[0]) for row in rows] == [0, 0.5]
     result = json.loads((folder / "right.json").read_text())
     assert result["schema"] == "precision-pin/compensation/1"
-    units = (1e-3, 1, math.pi / 180, math.pi / 180)
-    for row, pose in zip(rows, result["poses"], strict=True):
-        cells = [float(cell) * unit for cell, unit in zip(row[1:], units, strict=True)]
-        assert cells[::-1] == pytest.approx(pose["q_corrected"], abs=1e-12)
-        assert np.linalg.norm(pose["after"]["position"]) < 1e-9
+    table = np.array(rows, dtype=float) * [1, 1e-3, 1, math.pi / 180, math.pi / 180]
+    assert table[:, 0].tolist() == [0, 0.5]
+    assert table[:, :0:-1] == pytest.approx(np.array([pose["q_corrected"] for pose in result["poses"]]), abs=1e-12)
+    assert np.abs([pose["after"]["position"] for pose in result["poses"]]).max() < 1e-9
     again = run("compensate", SHEET, "--trajectory", "right.csv", "--json", "-")
     assert again.json["poses"][0]["q"] == pytest.approx(result["poses"][0]["q_corrected"], abs=1e-12)
     assert new_files() == {"way.csv", "right.csv", "right.json"}
@@ -166,23 +146,19 @@ def test_a_trajectory_comes_back_with_its_columns_and_units(run, folder, new_fil
 @pytest.mark.slow
 def test_without_a_correction_the_code_is_one_and_no_joint_values_are_written(run, folder, new_files):
     (folder / "way.csv").write_text("joint1,joint2,joint3,joint4\n0,0,0,0\n-1.571,0.0524,1.536,-1.588\n")
-    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv")
-    assert done.code == 1
+    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", code=1)
     assert "1 of 2 poses have no correction" in done.out
     assert "the corrected joint values are not written: not every pose has them" in done.err
     assert new_files() == {"way.csv"}
 
 
 @pytest.mark.slow
-def test_view_shows_the_compensation(run, folder, contents):
+def test_view_shows_the_compensation(run, refused, folder):
     (folder / "way.csv").write_text("joint4,joint3,joint2,joint1\n-1.588,1.536,0.0524,-1.571\n-1.4,1.3,0.1,-1.2\n")
     asked = ("view", SHEET, "--samples", "200", "--compensate")
-    assert run(*asked, "way.csv", "--out", "page.html").code == 0
+    run(*asked, "way.csv", "--out", "page.html")
     assert "at the means: from" in (folder / "page.html").read_text("utf-8")
-    before = contents()
-    refused = run(*asked, "nosuch.csv", "--out", "other.html")
-    assert (refused.code, len(refused.said)) == (2, 1)
-    assert contents() == before
+    refused(*asked, "nosuch.csv", "--out", "other.html")
 
 
 # iso9283 -------------------------------------------------------------------------------------------------------------
@@ -191,9 +167,8 @@ def test_view_shows_the_compensation(run, folder, contents):
 @pytest.fixture
 def visits(folder):
     """Add to the gantry what changes from visit to visit."""
-    text = (folder / "gantry.errors.yaml").read_text(encoding="utf-8")
     more = f"  - joint_offset: {{joint: {LONG}, offset: {{normal: 0.02 mrad, scope: visit}}}}\n"
-    (folder / "visits.errors.yaml").write_text(text + more, encoding="utf-8")
+    (folder / "visits.errors.yaml").write_text(GANTRY_SHEET + more, encoding="utf-8")
     return "visits.errors.yaml"
 
 
@@ -201,68 +176,57 @@ def visits(folder):
 def test_five_poses_and_a_target(run, folder, visits):
     values = ("0 mm, 0 deg", "250 mm, 20 deg", "-250 mm, -30 deg", "300 mm, -10 deg", "-100 mm, 40 deg")
     five = ("iso9283", visits, *(word for q in values for word in ("--q", q)), "--robots", "200")
-    found = run(*five, "--target", "0 300 0 mm", "--json", "result.json")
-    assert found.code == 0
-    lines = found.out.splitlines()
-    assert max(map(len, lines)) <= 100
-    assert {"P1", "P2", "P3", "P4", "P5", "AD", "RD", "E", "vAP:"} <= {line.split()[0] for line in lines if line}
+    found = run(*five, "--target", "0 300 0 mm", "--json", "result.json").out
+    assert {"P1", "P2", "P3", "P4", "P5", "AD", "RD", "E", "vAP:"} <= {
+        line.split()[0] for line in found.splitlines() if line
+    }
     data = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert data["schema"] == "precision-pin/iso9283/1"
     assert (data["cycles"], data["robots"], data["target"]) == (30, 200, [0, 0.3, 0])
     assert data["poses"]["P2"]["q"]["y_axis"] == pytest.approx(0.25)
     assert data["poses"]["P1"]["position"] == pytest.approx([0.1, 0.3, 0.5])
     shown = f"{1e3 * data['worst']['RP']['quantiles']['0.95']:.3g}"
-    assert lines[0].startswith(f"95 % of robots built will show RP of {shown[:4]}")
+    assert found.startswith(f"95 % of robots built will show RP of {shown[:4]}")
     still = run("iso9283", "gantry.errors.yaml", "--pose", "home", "--robots", "60", "--cycles", "4")
-    assert still.code == 0
     assert "W_NO_VISITS" in still.err
-    assert still.out.splitlines()[0].startswith("RP is 0: nothing in the sheet changes")
+    assert still.out.startswith("RP is 0: nothing in the sheet changes")
 
 
-def test_measured_cycles_stand_beside_the_forecast(run, folder, visits):
-    rows = ["pose,cycle,x [mm],y [mm],z [mm]"]
-    rows += [f"home,{cycle},100,{offset},500" for cycle, offset in enumerate((0, 5, -5, 0), start=1)]
-    (folder / "cycles.csv").write_text("\n".join(rows))
+def test_measured_cycles_stand_beside_the_forecast(run, refused, folder, visits):
+    rows = "".join(f"home,{cycle},100,{offset},500\n" for cycle, offset in enumerate((0, 5, -5, 0), start=1))
+    (folder / "cycles.csv").write_text(f"pose,cycle,x [mm],y [mm],z [mm]\n{rows}")
     asked = ("iso9283", visits, "--all-poses", "--robots", "200", "--measured", "cycles.csv")
-    found = run(*asked, "--json", "result.json")
-    assert found.code == 0  # a robot that differs misses no specification
-    assert "measured: DIFFERS" in found.out
+    # a robot that differs misses no specification
+    assert "measured: DIFFERS" in run(*asked, "--json", "result.json").out
     data = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert data["cycles"] == data["measured"]["cycles"] == 4
     # distances from the barycentre 0, 5, 5, 0 mm: 2.5 + 3 · 2.887
     assert data["measured"]["poses"]["P2"]["RP"] == pytest.approx((2.5 + 3 * (25 / 3) ** 0.5) * 1e-3)
     assert data["measured"]["agrees"] is False
-    other = run(*asked, "--cycles", "30")
-    assert other.code == 2
-    assert "are 4, the forecast has 30 cycles" in other.err
+    assert "are 4, the forecast has 30 cycles" in refused(*asked, "--cycles", "30")
 
 
 def test_a_missed_limit_of_a_figure_is_exit_code_1(run, visits):
-    asked = ("iso9283", visits, "--all-poses", "--robots", "200")
-    kept = run(*asked, "--spec", "RP 1 mm @ 95 %")
-    assert kept.code == 0
-    assert "spec RP within 1 mm for 95 % at every pose: MET - 100" in kept.out
-    missed = run(*asked, "--spec", "RP 1 um", "--spec", "AP 1 m")
-    assert missed.code == 1
-    assert "spec RP within 0.001 mm for 95 % at every pose: NOT MET" in missed.out
-    assert "spec AP within 1000 mm for 95 % at every pose: MET" in missed.out
+    asked = ("iso9283", visits, "--all-poses", "--robots", "200", "--spec")
+    assert "spec RP within 1 mm for 95 % at every pose: MET - 100" in run(*asked, "RP 1 mm @ 95 %").out
+    missed = run(*asked, "RP 1 um", "--spec", "AP 1 m", code=1).out
+    assert "spec RP within 0.001 mm for 95 % at every pose: NOT MET" in missed
+    assert "spec AP within 1000 mm for 95 % at every pose: MET" in missed
 
 
 # changes and correlations --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-def test_a_set_value_is_that_of_the_sheet_edited_by_hand(run, folder):
+def test_a_set_value_is_that_of_the_sheet_edited_by_hand(run, refused, folder):
     few = ("--samples", "400", "--json", "-")
     (folder / "heavy.errors.yaml").write_text((folder / SHEET).read_text().replace("mass: 1 kg", "mass: 3 kg"))
     edited, plain = (run("analyze", sheet, *few).json for sheet in ("heavy.errors.yaml", SHEET))
     changed = run("analyze", SHEET, "--set", "payload.mass=3 kg", *few).json
     assert changed["position"] == edited["position"] != plain["position"]
     for command in ("budget", "check", "mcpc"):
-        done = run(command, SHEET, "--set", "payload.mas=3 kg")
-        assert done.code == 2
-        said = done.out if command == "check" else done.err
-        assert said.startswith("--set payload.mas: error E_UNKNOWN_KEY: unknown key 'mas': did you mean 'mass'?")
+        line = refused(command, SHEET, "--set", "payload.mas=3 kg")
+        assert line.startswith("--set payload.mas: error E_UNKNOWN_KEY: unknown key 'mas': did you mean 'mass'?")
 
 
 def test_scores_and_pearson_of_correlated_parameters_are_reported(run, folder):
@@ -298,27 +262,28 @@ orientations: {axis: 0 0 -1, tool_axis: 1 0 0}
 @pytest.mark.slow
 def test_a_grid_is_mapped_and_the_first_lines_answer(run, folder, new_files):
     (folder / "grid.yaml").write_text(GRID)
-    done = run("map", SHEET, "--grid", "grid.yaml", "--spec", "1 m", "--relative-to", "paper", "--json", "map.json")
-    assert done.code == 0
-    lines = done.out.splitlines()
-    assert max(map(len, lines)) <= 100
-    assert "map of 6 poses: 4 reached, 2 unreachable" in done.out
-    assert "2 of 6 poses cannot be reached and are not judged" in done.out
-    assert ": MET - worst" in done.out
+    asked = ("map", SHEET, "--grid", "grid.yaml", "--spec")
+    done = run(*asked, "1 m", "--relative-to", "paper", "--json", "map.json").out
+    assert "map of 6 poses: 4 reached, 2 unreachable" in done
+    assert "2 of 6 poses cannot be reached and are not judged" in done
+    assert ": MET - worst" in done
     made = json.loads((folder / "map.json").read_text())
-    assert made["schema"] == "precision-pin/map/1"
-    assert made["spec"][0]["met"] is True
-    assert made["spec"][0]["judged"] == 4
+    (spec,) = made["spec"]
+    assert (made["schema"], spec["met"], spec["judged"]) == ("precision-pin/map/1", True, 4)
     assert [pose["status"] for pose in made["poses"]].count("unreachable") == 2
     assert new_files() == {"grid.yaml", "map.json"}
-    assert run("map", SHEET, "--grid", "grid.yaml", "--spec", "1 mm", "--quiet").code == 1
+    run(*asked, "1 mm", "--quiet", code=1)
+    pytest.importorskip("xarray")
+    run(*asked[:-1], "--verify", "0", "--netcdf", "map.nc")
+    assert new_files() == {"grid.yaml", "map.json", "map.nc"}
 
 
 ARM = {
-    "arm.urdf": """<robot name="arm"><link name="base"/><link name="upper"/><link name="tool"/>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
-    <limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-  <joint name="flange" type="fixed"><parent link="upper"/><child link="tool"/><origin xyz="0.7 0 0"/></joint></robot>""",
+    "arm.urdf": robot(
+        *map(link, ("base", "upper", "tool")),
+        joint("shoulder", "revolute", "base", "upper"),
+        joint("flange", "fixed", "upper", "tool", (0.7, 0, 0)),
+    ),
     "arm.errors.yaml": """precision-pin: 1
 robot: arm.urdf
 tip: tool
@@ -346,42 +311,31 @@ sources:
 def test_the_verdict_is_that_of_the_exact_law_and_not_of_the_closed_form(run, folder, law, spec, closed, share):
     for name, text in ARM.items():
         (folder / name).write_text(text.replace("LAW", law))
-    done = run("map", "arm.errors.yaml", "--all-poses", "--spec", spec, "--json", "map.json")
+    is_met = share >= float(spec.split()[-2]) / 100
+    done = run("map", "arm.errors.yaml", "--all-poses", "--spec", spec, "--json", "map.json", code=1 - is_met)
     written = json.loads((folder / "map.json").read_text())
     made, poses = written["spec"][0], written["poses"]
     assert poses[0]["probability"][0] == pytest.approx(closed, abs=2e-3)
-    required = made["required"]
-    assert (share >= required) != (closed >= required) or share == 0.995
-    assert made["met"] == (share >= required)
-    assert f": {'MET' if share >= required else 'NOT MET'} - worst" in done.out
-    assert done.code == (0 if share >= required else 1)
+    assert is_met != (closed >= made["required"]) or share == 0.995
+    assert made["met"] == is_met
+    assert f": {'MET' if is_met else 'NOT MET'} - worst" in done.out
     for pose in poses[:3]:
         (low, high), (least, most) = pose["judged"]["interval"][0], pose["probability_bounds"][0]
         assert low <= share <= high
         assert least <= share <= most + 1e-12
-        assert pose["judged"]["verdict"] == ["met" if share >= required else "not met"]
-    if share < required:
+        assert pose["judged"]["verdict"] == ["met" if is_met else "not met"]
+    if not is_met:
         assert made["worst_pose"] in ("a1", "a2", "a3")
-        assert made["sampled"]["interval"][1] < required
+        assert made["sampled"]["interval"][1] < made["required"]
 
 
-@pytest.mark.slow
-def test_the_map_as_netcdf(run, folder, new_files):
-    pytest.importorskip("xarray")
-    (folder / "grid.yaml").write_text(GRID)
-    assert run("map", SHEET, "--grid", "grid.yaml", "--verify", "0", "--netcdf", "map.nc").code == 0
-    assert new_files() == {"grid.yaml", "map.nc"}
-
-
-def test_a_json_that_is_too_large_is_refused_before_the_work(run, new_files, monkeypatch):
+def test_a_json_that_is_too_large_is_refused_before_the_work(refused, monkeypatch):
     monkeypatch.setattr("precision_pin.analyses.map.map_poses.LARGEST_FILE", 1000)
     monkeypatch.setattr("precision_pin.analyses.map.map_poses.first_order", None)
     for options in (("--json", "map.json"), ("--json", "-"), ("--out", "plots")):
-        refused = run("map", SHEET, *options)
-        assert (refused.code, refused.out) == (2, "")
-        assert "the JSON of a map of" in refused.err
-        assert "write it as netCDF (--netcdf" in refused.err
-    assert new_files() == set()
+        line = refused("map", SHEET, *options)
+        assert "the JSON of a map of" in line
+        assert "write it as netCDF (--netcdf" in line
 
 
 # path ----------------------------------------------------------------------------------------------------------------
@@ -397,29 +351,29 @@ def way(folder):
 
 @pytest.mark.slow
 def test_table_json_and_plot_of_a_path(run, folder, way):
-    done = run(*way, "--step", "1 s", *FEW, "--spec", "1 mm", "--out", "plots")
-    assert done.code == 0
-    assert done.out.startswith("largest error along the path: 95 % of robots within |d|")
-    assert "a path of 9 poses, 8 s" in done.out
-    assert "spec |d| within 1 mm for 95 % along the whole path: MET" in done.out
+    done = run(*way, "--step", "1 s", *FEW, "--spec", "1 mm", "--out", "plots").out
+    assert done.startswith("largest error along the path: 95 % of robots within |d|")
+    assert "a path of 9 poses, 8 s" in done
+    assert "spec |d| within 1 mm for 95 % along the whole path: MET" in done
     assert (folder / "plots" / "path.svg").exists()
     saved = json.loads((folder / "plots" / "path.json").read_text())
-    assert saved["poses"][-1]["time"] == 8.0
-    assert saved["poses"][0]["q"]["y_axis"] == pytest.approx(-0.2)
+    first, last = saved["poses"][0], saved["poses"][-1]
+    assert (last["time"], first["q"]["y_axis"]) == (8.0, pytest.approx(-0.2))
     # the joint is off by 0.3 mrad as 3 σ wherever it stands, and nothing else turns the tool
-    within = saved["maximum"]["attitude"]["quantile_interval"]["0.95"]
-    assert within[0] <= 1.96 * 0.1e-3 <= within[1]
+    low, high = saved["maximum"]["attitude"]["quantile_interval"]["0.95"]
+    assert low <= 1.96 * 0.1e-3 <= high
     low, high = saved["band"]["attitude"]["factor_interval"]
-    assert low <= 1.96 * 0.1e-3 / saved["poses"][0]["attitude"]["quantile"] <= high
-    assert run(*way, *FEW, "--spec", "0.01 mm", "--quiet").code == 1
+    assert low <= 1.96 * 0.1e-3 / first["attitude"]["quantile"] <= high
+    run(*way, *FEW, "--spec", "0.01 mm", "--quiet", code=1)
 
 
-def test_a_path_that_takes_long_is_refused_with_the_time_unless_its_robots_are_asked_for(run, way, monkeypatch):
+def test_a_path_that_takes_long_is_refused_with_the_time_unless_its_robots_are_asked_for(
+    run, refused, way, monkeypatch
+):
     monkeypatch.setattr("precision_pin.analyses.path._LONG", 2 * 3 * 10_000 - 1)
     monkeypatch.setattr("precision_pin.analyses.path._LOOKED", 0.0)
-    refused = run(*way)
-    assert refused.code == 2
-    assert "error E_USAGE: 3 poses with 10,000 robots each take about 0 minutes here; --samples 1000" in refused.err
-    assert run(*way, "--samples", "10000").code == 0
+    said = "error E_USAGE: 3 poses with 10,000 robots each take about 0 minutes here; --samples 1000"
+    assert said in refused(*way)
+    run(*way, "--samples", "10000")
     monkeypatch.setattr("precision_pin.analyses.path._LONG", 2 * 3 * 10_000)
-    assert run(*way).code == 0
+    run(*way)
