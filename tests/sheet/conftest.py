@@ -26,7 +26,7 @@ Refuse = Callable[[str], list[Finding]]
 
 
 @pytest.fixture(scope="session")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("sheets")
     (path / "4dof.urdf").write_text(ARM, encoding="utf-8")
     (path / "finger.urdf").write_text(ARM.replace("</robot>", FINGER), encoding="utf-8")
@@ -34,8 +34,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def write(folder: Path) -> Write:
-    def write_sheet(text: str) -> Path:
+def write(folder):
+    def write_sheet(text):
         path = folder / "sheet.yaml"
         path.write_text(text, encoding="utf-8")
         return path
@@ -44,15 +44,15 @@ def write(folder: Path) -> Write:
 
 
 @pytest.fixture
-def load(write: Write) -> Load:
+def load(write):
     return lambda text: read(write(text))
 
 
 @pytest.fixture
-def refuse(write: Write) -> Refuse:
+def refuse(write):
     """Return the findings of a sheet that must be refused, each of one line, in the sheet's own file."""
 
-    def findings(text: str) -> list[Finding]:
+    def findings(text):
         path = write(text)
         with pytest.raises(InputError) as caught:
             read(path)

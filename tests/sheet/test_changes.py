@@ -1,11 +1,8 @@
 """Changes of a sheet's values by path, and where its numbers come from: against edits by hand and hand-computed shares."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
-from typing import Any
 
 import numpy as np
 import pytest
@@ -43,35 +40,23 @@ def model(tmp_path):
     return pp.ErrorModel.from_dict(DATA, tmp_path)
 
 
-@pytest.mark.fast(3)
-@pytest.mark.parametrize(
-    ("path", "value", "before", "after"),
-    [
+def test_a_change_is_the_sheet_edited_by_hand(tmp_path):
+    shutil.copy(PAPER_SHEET.with_name("4dof.urdf"), tmp_path)
+    text, sheet = PAPER_SHEET.read_text(), tmp_path / "edited.yaml"
+    law = {"uniform": "10 N*m^2", "mean": "7000 N*m^2"}
+    for path, value, before, after in (
         ("axis_install[*].radius", "0.02 mm", "radius: 0.1 mm", "radius: 0.02 mm"),
         ("parameters.a2", "±0.5 mm", "a2: {uniform: 0.25 mm}", "a2: {uniform: 0.5 mm}"),
-        ("parameters.*.uniform", "0.07 mm", "{uniform: 0.05 mm}", "{uniform: 0.07 mm}"),
-        ("length[tool].parameters[2]", "a1", "[a1, a3, a5]", "[a1, a3, a1]"),
-        ("beam[link2].EI", {"uniform": "10 N*m^2", "mean": "7000 N*m^2"}, "link2, EI: 8000 N*m^2",
-         "link2, EI: {uniform: 10 N*m^2, mean: 7000 N*m^2}"),
+        ("parameters.*.uniform", "0.07 mm", r"{uniform: 0.\d* mm}", "{uniform: 0.07 mm}"),
+        ("length[tool].parameters[2]", "a1", r"\[a1, a3, a5\]", "[a1, a3, a1]"),
+        ("beam[link2].EI", law, r"link2, EI: 8000 N\*m\^2", "link2, EI: {uniform: 10 N*m^2, mean: 7000 N*m^2}"),
         ("statics", "equilibrium", "statics: nominal", "statics: equilibrium"),
-    ],
-)  # fmt: skip
-def test_a_change_is_the_sheet_edited_by_hand(tmp_path, path, value, before, after):
-    text = PAPER_SHEET.read_text()
-    if path == "parameters.*.uniform":
-        text = text.replace("0.25 mm", "0.05 mm")
-    assert before in text
-    shutil.copy(PAPER_SHEET.with_name("4dof.urdf"), tmp_path)
-    sheet, plain = tmp_path / "edited.yaml", tmp_path / "plain.yaml"
-    sheet.write_text(text.replace(before, after))
-    plain.write_text(text)
-    model = pp.ErrorModel.load(plain)
-    edited, changed = pp.ErrorModel.load(sheet), model.with_({path: value})
-    assert changed.labels == edited.labels
-    assert changed.statics == edited.statics
-    assert changed.space.draws == edited.space.draws
-    assert changed.sources == edited.sources
-    assert (changed.sources, changed.space.draws, changed.statics) != (model.sources, model.space.draws, model.statics)
+    ):
+        sheet.write_text(re.sub(before, after, text))
+        edited, changed = pp.ErrorModel.load(sheet), PAPER.with_({path: value})
+        parts, same, plain = ((of.sources, of.space.draws, of.statics, of.labels) for of in (changed, edited, PAPER))
+        assert parts == same
+        assert parts != plain
 
 
 def test_the_same_seed_gives_the_same_robots_but_for_the_change():
@@ -85,12 +70,7 @@ def test_the_same_seed_gives_the_same_robots_but_for_the_change():
 
 
 def test_a_dictionary_is_the_sheet(tmp_path, model):
-    lines = (
-        "precision-pin: 1", "robot: arm.urdf", "poses: {home: [0 deg]}", "parameters:", "  play.1: ±0.1 mm",
-        "  play: {normal: 0.2 mm}", "sources:", "  - joint_offset: {joint: a.b, offset: {normal: 0.3 mrad}}",
-        "  - frame: {frame: tool, x: play.1, y: play, rz: {uniform: 1 mrad}}",
-    )  # fmt: skip
-    (tmp_path / "sheet.yaml").write_text("\n".join(lines))
+    (tmp_path / "sheet.yaml").write_text(json.dumps(DATA, ensure_ascii=False))
     loaded = pp.ErrorModel.load(tmp_path / "sheet.yaml")
     assert loaded.space.draws == model.space.draws
     assert loaded.sources == model.sources
@@ -106,31 +86,28 @@ def test_names_with_dots_and_laws_of_settings(model):
     assert several.sources[1] == model.sources[1]
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"axis_instal[*].radius": "1 mm"}, "no source named 'axis_instal[*]'; did you mean 'axis_install"),
-        ({"axis_install[*].raduis": "1 mm"}, "unknown key 'raduis': did you mean 'radius'"),
-        ({"axis_install.radius": "1 mm"}, "4 sources are a axis_install: axis_install[joint1], "),
-        ({"axis_install[joint1].radius.uniform": "1 mm"}, "radius is '0.1 mm', which has no 'uniform'"),
-        ({"axis_install[joint1]": "1 mm"}, "has 2 numbers; name one: axis_install[joint1].radius, axis_"),
-        ({"parameters.a9": "±1 mm"}, "no key named 'a9'"),
-        ({"parameters": "±1 mm"}, "parameters holds several values; name one: parameters.a0, parameters.a1, "),
-        ({"a1": "±1 mm"}, "a1 is a parameter: its path is parameters.a1"),
-        ({"length[*].parameters[7]": "a1"}, "parameters has 2 entries, counted from 0; there is no 7"),
-        ({"gravit": "moon"}, "no source named 'gravit'; did you mean 'gravity'?"),
-        ({"statics": "funny"}, "input should be 'nominal' or 'equilibrium'"),
-        ({"payload.mass": object()}, "text, a number, a list or a mapping is expected"),
-        ({"payload.mass": {1: "2 kg"}}, "a key must be text"),
-    ],
-)
-def test_wrong_changes_are_one_line_that_names_the_path(changes, message):
-    with pytest.raises(InputError) as refused:
-        PAPER.with_(changes)
-    line = str(refused.value)
-    assert "\n" not in line
-    assert next(iter(changes)) in line
-    assert message in line
+def test_wrong_changes_are_one_line_that_names_the_path():
+    for path, value, message in (
+        ("axis_instal[*].radius", "1 mm", "no source named 'axis_instal[*]'; did you mean 'axis_install"),
+        ("axis_install[*].raduis", "1 mm", "unknown key 'raduis': did you mean 'radius'"),
+        ("axis_install.radius", "1 mm", "4 sources are a axis_install: axis_install[joint1], "),
+        ("axis_install[joint1].radius.uniform", "1 mm", "radius is '0.1 mm', which has no 'uniform'"),
+        ("axis_install[joint1]", "1 mm", "has 2 numbers; name one: axis_install[joint1].radius, axis_"),
+        ("parameters.a9", "±1 mm", "no key named 'a9'"),
+        ("parameters", "±1 mm", "parameters holds several values; name one: parameters.a0, parameters.a1, "),
+        ("a1", "±1 mm", "a1 is a parameter: its path is parameters.a1"),
+        ("length[*].parameters[7]", "a1", "parameters has 2 entries, counted from 0; there is no 7"),
+        ("gravit", "moon", "no source named 'gravit'; did you mean 'gravity'?"),
+        ("statics", "funny", "input should be 'nominal' or 'equilibrium'"),
+        ("payload.mass", object(), "text, a number, a list or a mapping is expected"),
+        ("payload.mass", {1: "2 kg"}, "a key must be text"),
+    ):
+        with pytest.raises(InputError) as refused:
+            PAPER.with_({path: value})
+        line = str(refused.value)
+        assert "\n" not in line
+        assert path in line
+        assert message in line
 
 
 @pytest.mark.slow
@@ -184,9 +161,9 @@ SLIDE, TURN = "joint_offset[y_axis]", f"joint_offset[{LONG}]"
 def gantry_of(tmp_path):
     (tmp_path / "gantry.urdf").write_text(GANTRY, "utf-8")
 
-    def make(slide: Any = None, turn: Any = None, **more: Any) -> pp.ErrorModel:
-        first: dict[str, Any] = {"joint": "y_axis", "offset": "slide"}
-        second: dict[str, Any] = {"joint": LONG, "offset": {"normal": "0.3 mrad"}}
+    def make(slide=None, turn=None, **more):
+        first = {"joint": "y_axis", "offset": "slide"}
+        second = {"joint": LONG, "offset": {"normal": "0.3 mrad"}}
         for settings, stated in ((first, slide), (second, turn)):
             settings |= {} if stated is None else stated
         sheet = {
@@ -198,7 +175,7 @@ def gantry_of(tmp_path):
     return make
 
 
-def shares(model: pp.ErrorModel) -> dict[str, float]:
+def shares(model):
     return {kind: position for kind, (position, _) in origin_shares(model.origins, model.at("home")).items()}
 
 
@@ -206,7 +183,7 @@ def shares(model: pp.ErrorModel) -> dict[str, float]:
 TURNED = 0.05**2 / (0.05**2 + 0.1**2 / 3)
 
 
-def calibrated(folder, names, mean, covariance) -> dict[str, str]:
+def calibrated(folder, names, mean, covariance):
     """Write estimates of a calibration; return what a sheet says of them."""
     estimates = {"names": names, "mean": dict(zip(names, mean, strict=True)), "covariance": covariance}
     text = json.dumps({"schema": "precision-pin/calibration/1", "posterior": estimates})
@@ -260,32 +237,26 @@ def test_a_calibrated_number_is_measured_where_half_of_its_variance_is_gone(gant
 
 def test_what_is_set_takes_the_place_of_what_was_measured(gantry_of, tmp_path):
     """The slide was measured, of the turn nothing was learned: its ±0.3 mrad stays."""
-    names = ["slide", f"{TURN}.offset"]
-    before = gantry_of().space
-    variances = before.block_covariance.variances[[before.index[name] for name in names]]
-    slide = 0.02e-3
-    covariance = [[slide**2, 0.0], [0.0, float(variances[1])]]
-    model = gantry_of(**calibrated(tmp_path, names, [1e-5, 0.0], covariance))
+    names, before = ["slide", f"{TURN}.offset"], gantry_of()
+    slide, turn = 0.02e-3, 0.1e-3
+    model = gantry_of(**calibrated(tmp_path, names, [1e-5, 0.0], [[slide**2, 0.0], [0.0, turn**2]]))
 
     def numbers(changed):
         at = [changed.space.index[name] for name in names]
-        return changed.space.mean[at], np.sqrt(changed.space.block_covariance.variances[at])
+        return [*changed.space.mean[at], *np.sqrt(changed.space.block_covariance.variances[at])]
 
     with pytest.warns(PrecisionPinWarning, match=r"W_SET_MEASURED.*slide 1e-05 ± 2e-05;") as said:
-        mean, std = numbers(model.with_({"parameters.slide": {"normal": {"std": "0.3 mm"}}}))
+        changed = model.with_({"parameters.slide": {"normal": {"std": "0.3 mm"}}})
     assert len(said) == 1
-    assert mean == pytest.approx([0, 0])
-    assert std == pytest.approx([0.3e-3, np.sqrt(variances[1])])
+    assert numbers(changed) == pytest.approx([0, 0, 0.3e-3, turn])
     # a tolerance of which nothing was learned is what was set, without a word, and what was measured stays
-    mean, std = numbers(model.with_({f"{TURN}.offset": {"normal": {"std": "2 mrad"}}}))
-    assert mean == pytest.approx([1e-5, 0])
-    assert std == pytest.approx([slide, 2e-3])
+    changed = model.with_({f"{TURN}.offset": {"normal": {"std": "2 mrad"}}})
+    assert numbers(changed) == pytest.approx([1e-5, 0, slide, 2e-3])
     # a constant too
     with pytest.warns(PrecisionPinWarning, match="W_SET_MEASURED"):
         fixed = model.with_({"parameters.slide": {"fixed": "0.2 mm"}})
-    assert fixed.at("home").error_at_means[:3] == pytest.approx(
-        gantry_of().with_({"parameters.slide": {"fixed": "0.2 mm"}}).at("home").error_at_means[:3], abs=1e-12
-    )
+    expected = before.with_({"parameters.slide": {"fixed": "0.2 mm"}}).at("home").error_at_means[:3]
+    assert fixed.at("home").error_at_means[:3] == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_number_of_one_sign_keeps_it_after_a_calibration(tmp_path):
@@ -307,9 +278,8 @@ def test_a_number_of_one_sign_keeps_it_after_a_calibration(tmp_path):
     assert uncut.sum(axis=0).std() == pytest.approx(np.sqrt(0.002 * variance), rel=0.01)  # the sum stays known
 
 
-@pytest.mark.parametrize(
-    ("stated", "message"),
-    [
+def test_what_is_wrong_is_said_in_a_line(gantry_of):
+    for stated, message in (
         ({"slide": {"provenance": "guessed"}}, "'guessed'; valid: assumed, data sheet, drawing, measured"),
         ({"slide": {"provenance": {"drawing": "1", "measured": "2"}}}, "this has 2 keys"),
         ({"slide": {"provenance": ["drawing"]}}, "a word is expected, such as 'provenance: drawing'"),
@@ -320,10 +290,8 @@ def test_a_number_of_one_sign_keeps_it_after_a_calibration(tmp_path):
         ({"slide": {"provenance": "drawing", "assumed": "true"}}, "both say where the numbers come from"),
         ({"provenance": {"parameters.slid": "drawing"}}, "source named 'parameters.slid'; did you mean"),
         ({"provenance": {"parameters.slide": "guess"}}, "no provenance named 'guess'"),
-    ],
-)
-def test_what_is_wrong_is_said_in_a_line(gantry_of, stated, message):
-    with pytest.raises((SheetError, InputError)) as refused:
-        gantry_of(**stated)
-    (finding,) = refused.value.findings
-    assert message in finding.message
+    ):
+        with pytest.raises((SheetError, InputError)) as refused:
+            gantry_of(**stated)
+        (finding,) = refused.value.findings
+        assert message in finding.message

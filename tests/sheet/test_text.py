@@ -1,6 +1,7 @@
 """What YAML and files can do to a sheet: one clear line; and large, deep or hostile ones cost what they say."""
 
 import importlib
+import itertools
 import multiprocessing
 import os
 import pkgutil
@@ -15,43 +16,36 @@ from fuzzing.errorsheets.grammar import write_files
 from fuzzing.errorsheets.trial import sheet_of, try_sheet
 from scipy.linalg import block_diag
 
-import precision_pin
 import precision_pin as pp
+from precision_pin import Correlation, Disc, Draw, ErrorModel, JointNormal, Normal, Uniform
 from precision_pin.base import csv_columns
 from precision_pin.base.errors import InputError, SheetError
-from precision_pin.draws.correlation import BlockCovariance, Correlation
-from precision_pin.draws.draw import Draw
-from precision_pin.draws.laws import Disc, JointNormal, Normal, Uniform
 from precision_pin.draws.space import Extension, Space
-from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet import read
 from precision_pin.sheet.text import read_text
-
-from .conftest import Load, Refuse, Write
 
 HEAD = "precision-pin: 1\nrobot: 4dof.urdf\n"
 
 
-def test_every_scalar_stays_text() -> None:
+def test_every_scalar_stays_text():
     for word in ("1e-4", "on", "yes", "12:30:00", "0x1F", "1_000", "~", "null", ".nan", "2024-01-01", "010"):
-        assert read_text(f"a: {word}\n", "f").data == {"a": word}
-        assert read_text(f"a: ['{word}', \"{word}\"]\n", "f").data == {"a": [word, word]}
+        assert read_text(f"a: {word}\nb: ['{word}', \"{word}\"]\n", "f").data == {"a": word, "b": [word, word]}
 
 
-def test_exponents_are_numbers_and_words_are_names(load: Load) -> None:
+def test_exponents_are_numbers_and_words_are_names(load):
     text = HEAD + "poses: {on: 1e-4 1E-4 -1e-4 +1e-4 rad, yes: 0 0 0 0 rad, 12: 0 0 0 0 rad}\n"
     sheet = load(text)
     assert list(sheet.poses) == ["on", "yes", "12"]
     assert sheet.poses["on"].tolist() == [1e-4, 1e-4, -1e-4, 1e-4]
 
 
-def test_values_that_other_readers_would_take_for_numbers_are_refused(refuse: Refuse) -> None:
+def test_values_that_other_readers_would_take_for_numbers_are_refused(refuse):
     for value in ("12:30:00", "on", "0x1F mm", "1_000 mm", "~", ".inf mm", "010:5 mm"):
         found = refuse(HEAD + f"sources:\n  - axis_install: {{joint: joint2, radius: 0.1 mm, span: {value}}}\n")
         assert [finding.line for finding in found] == [4], value
 
 
-def test_lines_of_every_key_and_item() -> None:
+def test_lines_of_every_key_and_item():
     text = read_text("a: 1\nb:\n  - x\n  - y: 2\n    z:\n\n      - 3\n# c\nc: {d: 4,\n  e: 5}\n", "f")
     expected = {("a",): 1, ("b",): 2, ("b", 0): 3, ("b", 1): 4, ("b", 1, "y"): 4, ("b", 1, "z"): 5}
     expected |= {("b", 1, "z", 0): 7, ("c",): 9, ("c", "d"): 9, ("c", "e"): 10}
@@ -60,7 +54,7 @@ def test_lines_of_every_key_and_item() -> None:
     assert text.line(("nowhere",)) == text.line(())
 
 
-def test_anchors_stand_for_what_they_name_and_may_be_set_again(load: Load) -> None:
+def test_anchors_stand_for_what_they_name_and_may_be_set_again(load):
     sheet = load(HEAD + "parameters:\n  a: &tight {uniform: 1 mm}\n  b: *tight\n")
     assert sheet.space.draws[0].law == sheet.space.draws[1].law
     assert read_text("a: &x 1\nb: *x\nc: &x 2\nd: *x\n", "f").data == {"a": "1", "b": "1", "c": "2", "d": "2"}
@@ -95,7 +89,7 @@ NO_SHEETS = [
 
 @pytest.mark.fast(10)
 @pytest.mark.parametrize(("text", "line", "message"), NO_SHEETS, ids=[repr(row[0])[:40] for row in NO_SHEETS])
-def test_yaml_that_is_no_sheet(refuse: Refuse, text: str, line: int | None, message: str) -> None:
+def test_yaml_that_is_no_sheet(refuse, text, line, message):
     start = time.perf_counter()
     found = refuse(HEAD + text)
     assert time.perf_counter() - start < 5
@@ -105,7 +99,7 @@ def test_yaml_that_is_no_sheet(refuse: Refuse, text: str, line: int | None, mess
 
 
 @pytest.mark.slow
-def test_aliases_of_aliases_are_stopped(refuse: Refuse) -> None:
+def test_aliases_of_aliases_are_stopped(refuse):
     text = "x0: &x0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n"
     for k in range(1, 9):
         text += f"x{k}: &x{k} [{', '.join([f'*x{k - 1}'] * 10)}]\n"
@@ -115,7 +109,7 @@ def test_aliases_of_aliases_are_stopped(refuse: Refuse) -> None:
     assert "too large or too deep" in finding.message
 
 
-def test_what_is_no_mapping_says_how_a_sheet_begins(refuse: Refuse) -> None:
+def test_what_is_no_mapping_says_how_a_sheet_begins(refuse):
     for text in ("", "# only a comment\n", "hello", "- 1\n- 2\n", "---\n...\n"):
         (finding,) = refuse(text)
         assert "precision-pin: 1" in finding.message
@@ -125,37 +119,34 @@ def test_what_is_no_mapping_says_how_a_sheet_begins(refuse: Refuse) -> None:
 # files ---------------------------------------------------------------------------------------------------------------
 
 
-def one_finding(path: Path | str) -> str:
-    with pytest.raises(SheetError) as caught:
-        read(path)
-    (finding,) = caught.value.findings
-    assert finding.code == "E_FILE"
-    assert str(path) in str(finding)
-    return finding.message
-
-
-def test_files_that_are_no_text_or_too_large_or_no_files(tmp_path: Path) -> None:
-    path = tmp_path / "sheet.yaml"
-    path.write_bytes(bytes(range(256)))
-    assert "not UTF-8" in one_finding(path)
-    path.write_bytes("precision-pin: 1\n".encode("utf-16"))
-    assert "not UTF-8" in one_finding(path)
-    path.write_bytes(b"#" * (4 * 2**20 + 1))
-    start = time.perf_counter()
-    assert "larger than 4 MiB" in one_finding(path)
-    assert time.perf_counter() - start < 0.5
-    assert "not a regular file" in one_finding(tmp_path)
-    assert "does not exist" in one_finding(tmp_path / "none.yaml")
+def test_files_that_are_no_text_or_too_large_or_no_files(tmp_path):
     os.mkfifo(tmp_path / "pipe.yaml")
-    assert "not a regular file" in one_finding(tmp_path / "pipe.yaml")
     (tmp_path / "loop.yaml").symlink_to(tmp_path / "loop.yaml")
-    for no_path in (tmp_path / "loop.yaml", "a\0b.yaml", tmp_path / ("x" * 5000)):
-        with pytest.raises(SheetError):
-            read(no_path)
+    written = {
+        "bytes.yaml": (bytes(range(256)), "not UTF-8"),
+        "utf16.yaml": ("precision-pin: 1\n".encode("utf-16"), "not UTF-8"),
+        "large.yaml": (b"#" * (4 * 2**20 + 1), "larger than 4 MiB"),
+    }
+    for name, (content, _) in written.items():
+        (tmp_path / name).write_bytes(content)
+    said = {name: words for name, (_, words) in written.items()}
+    said |= {
+        ".": "not a regular file",
+        "none.yaml": "does not exist",
+        "pipe.yaml": "not a regular file",
+        "loop.yaml": "",
+    }
+    for name, words in {**said, "a\0b.yaml": "", "x" * 5000: ""}.items():
+        start = time.perf_counter()
+        with pytest.raises(SheetError) as caught:
+            read(tmp_path / name)
+        assert time.perf_counter() - start < 0.5
+        (finding,) = caught.value.findings
+        assert (finding.code, words in finding.message) == ("E_FILE", True)
 
 
 @pytest.mark.slow
-def test_a_sheet_of_very_many_entries_is_refused_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_sheet_of_very_many_entries_is_refused_soon(tmp_path, monkeypatch):
     path = tmp_path / "sheet.yaml"
     monkeypatch.setattr("precision_pin.sheet.text.MOST_NODES", 10_000)
     path.write_text("x: [" + "1," * 11_000 + "1]\n")
@@ -165,13 +156,13 @@ def test_a_sheet_of_very_many_entries_is_refused_soon(tmp_path: Path, monkeypatc
     assert time.perf_counter() - start < 15
 
 
-def test_byte_order_mark_and_other_line_ends(load: Load, folder: Path) -> None:
+def test_byte_order_mark_and_other_line_ends(load, folder):
     path = folder / "windows.yaml"
     path.write_bytes(b"\xef\xbb\xbf" + (HEAD + "poses: {p: 0 0 0 0 deg}\n").replace("\n", "\r\n").encode())
     assert list(read(path).poses) == ["p"]
 
 
-def test_robots_that_cannot_be_read(write: Write) -> None:
+def test_robots_that_cannot_be_read(write):
     for robot in ("none.urdf", ".", "../4dof.urdf/x", "sheet.yaml", "example:nothing", "a\\0b", "~"):
         with pytest.raises(InputError) as caught:
             read(write(f"precision-pin: 1\nrobot: '{robot}'\n"))
@@ -182,7 +173,7 @@ def test_robots_that_cannot_be_read(write: Write) -> None:
 
 
 @pytest.mark.slow
-def test_a_small_share_of_the_changed_sheets(tmp_path: Path) -> None:
+def test_a_small_share_of_the_changed_sheets(tmp_path):
     """``python -m fuzzing sheets`` tries more of them."""
     write_files(tmp_path)
     outcomes = [try_sheet(7, number, tmp_path) for number in range(20)]
@@ -194,7 +185,7 @@ def test_a_small_share_of_the_changed_sheets(tmp_path: Path) -> None:
 # large text --------------------------------------------------------------------------------------
 
 
-def outcome(text: str) -> object:
+def outcome(text):
     try:
         found = read_text(text, "f")
     except SheetError as error:
@@ -203,7 +194,7 @@ def outcome(text: str) -> object:
 
 
 @pytest.mark.slow
-def test_large_text_is_read_by_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_text_is_read_by_libyaml(monkeypatch):
     text = HEAD + "sources:\n" + "- {a: [1, x y], b: 'é'}  # ± 10 %\n" * 2000
     monkeypatch.delattr("precision_pin.sheet.text.YAML")
     found = read_text(text, "f")
@@ -212,7 +203,7 @@ def test_large_text_is_read_by_libyaml(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch):
     texts = [path.read_text() for path in Path("robots").glob("*.yaml")]
     texts += [sheet_of(3, number)[0].decode("utf-8", "replace") for number in range(60)]
     texts += [
@@ -232,14 +223,15 @@ def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch: pytest.MonkeyPatc
 # costs ---------------------------------------------------------------------------------------------------------------
 
 
-def many(count: int) -> str:
+def many(count):
     parameters = "".join(f"  p{k}: {{uniform: 0.{k % 9 + 1} mrad}}\n" for k in range(count))
     sources = "".join(f"- joint_offset: {{joint: joint{k % 4 + 1}, offset: p{k}}}\n" for k in range(count))
-    return f"{HEAD}poses: {{a: 10 20 30 40 deg}}\nparameters:\n{parameters}sources:\n{sources}"
+    poses = "".join(f"  p{k}: 10 20 30 {k % 90} deg\n" for k in range(count))
+    return f"{HEAD}poses:\n{poses}parameters:\n{parameters}sources:\n{sources}"
 
 
 @pytest.mark.slow
-def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
+def test_reading_takes_time_in_proportion_to_what_is_read(load):
     spent = []
     for count in (300, 2400):
         start = time.process_time()
@@ -250,7 +242,7 @@ def test_reading_takes_time_in_proportion_to_what_is_read(load: Load) -> None:
 
 
 @pytest.mark.slow
-def test_a_model_takes_memory_in_proportion_to_its_numbers(load: Load) -> None:
+def test_a_model_takes_memory_in_proportion_to_its_numbers(load):
     model = ErrorModel.from_sheet(load(many(1500)))
     tracemalloc.start()
     at = model.at()
@@ -266,7 +258,7 @@ def test_a_model_takes_memory_in_proportion_to_its_numbers(load: Load) -> None:
     np.testing.assert_allclose(covariance, expected, rtol=1e-11, atol=1e-24)
 
 
-def test_block_covariance_is_that_of_the_whole_matrix() -> None:
+def test_block_covariance_is_that_of_the_whole_matrix():
     generator = np.random.default_rng(1)
     root = generator.normal(size=(2, 2))
     draws = (
@@ -277,18 +269,19 @@ def test_block_covariance_is_that_of_the_whole_matrix() -> None:
     whole = block_diag(4.0, np.eye(2) * 9 / 4, 1.5**2 / 3, 0.25, root @ root.T)
     whole[0, 4] = whole[4, 0] = 0.25 * 2.0 * 0.5
     blocks = space.block_covariance
-    assert isinstance(blocks, BlockCovariance)
-    np.testing.assert_allclose(space.covariance, whole, rtol=1e-14)
-    one, other = generator.normal(size=(3, 7)), generator.normal(size=(4, 7))
-    np.testing.assert_allclose(blocks.between(one, other), one @ whole @ other.T, rtol=1e-13)
-    np.testing.assert_allclose(blocks.variances_of(one), np.diag(one @ whole @ one.T), rtol=1e-13)
+    one, other, factors = generator.normal(size=(3, 7)), generator.normal(size=(4, 7)), generator.normal(size=7)
     chosen = [4, 6, 0, 2]
-    np.testing.assert_allclose(blocks.within(chosen), whole[np.ix_(chosen, chosen)], rtol=1e-14)
-    factors = generator.normal(size=7)
-    np.testing.assert_allclose(blocks.scaled(factors).dense, whole * np.outer(factors, factors), rtol=1e-13)
+    for found, expected in (
+        (space.covariance, whole),
+        (blocks.between(one, other), one @ whole @ other.T),
+        (blocks.variances_of(one), np.diag(one @ whole @ one.T)),
+        (blocks.within(chosen), whole[np.ix_(chosen, chosen)]),
+        (blocks.scaled(factors).dense, whole * np.outer(factors, factors)),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
-def test_a_group_of_draws_that_cannot_be_added_leaves_the_others_be() -> None:
+def test_a_group_of_draws_that_cannot_be_added_leaves_the_others_be():
     extension = Extension(Space((Draw("a", Normal(1.0)),)))
     extension.add([Draw("a", Normal(1.0)), Draw("b", Uniform(1.0))])
     for wrong in (Draw("a", Normal(2.0)), Draw("b", Normal(1.0))):
@@ -301,28 +294,19 @@ def test_a_group_of_draws_that_cannot_be_added_leaves_the_others_be() -> None:
 
 
 @pytest.mark.slow
-def test_very_many_errors_are_not_all_listed(refuse: Refuse) -> None:
+def test_very_many_errors_are_not_all_listed(refuse):
     start = time.process_time()
     found = refuse(many(1500).replace("offset: p", "offset: q"))
     assert time.process_time() - start < 8
     assert len(found) == 101
-    assert [finding.line for finding in found[:100]] == list(range(1506, 1606))
+    assert [finding.line for finding in found[:100]] == list(range(3006, 3106))
     assert "more than 100 errors" in found[-1].message
-
-
-@pytest.mark.slow
-def test_a_sheet_of_very_many_poses_is_read_soon(load: Load) -> None:
-    poses = "".join(f"  p{k}: {k % 90} 1 2 3 deg\n" for k in range(2000))
-    start = time.process_time()
-    sheet = load(f"{HEAD}poses:\n{poses}sources:\n- joint_offset: {{joint: joint1, offset: {{uniform: 1 mrad}}}}\n")
-    assert time.process_time() - start < 5
-    assert len(sheet.poses) == 2000
 
 
 # tables ------------------------------------------------------------------------------------------
 
 
-def test_rows_read_at_once_are_those_read_one_by_one(tmp_path: Path) -> None:
+def test_rows_read_at_once_are_those_read_one_by_one(tmp_path):
     generator = np.random.default_rng(0)
     written = [
         [f"{a:.17g}", f"{b:+.3e}"]
@@ -340,32 +324,24 @@ def test_rows_read_at_once_are_those_read_one_by_one(tmp_path: Path) -> None:
     np.testing.assert_array_equal(csv_columns.read(path).rows, [[1.0], [2.0]])
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_tables_that_are_none(tmp_path):
+    path = tmp_path / "table.csv"
+    for text, message in (
         (" " * 50_000 + "x[\n1\n", "does not name a column"),
         ("x [mm]\n" + "1" * 200_000 + "\n", "field larger than field limit|is not a number"),
-        ("x [mm]\n1e999\n", "is not a number"),
-        ("x [mm]\n1_000\n", "is not a number"),
-        ("x [mm]\n٣\n", "is not a number"),
-        ("x [mm]\nnan\n", "is not a number"),
-        ("x [mm]\n1\0\n", "is not a number"),
+        *((f"x [mm]\n{cell}\n", "is not a number") for cell in ("1e999", "1_000", "٣", "nan", "1\0")),
         ('x [mm]\n"1\n', "quotation mark"),
         ("x [mm]; y [mm]\n1;2\n", "commas"),
         ("x [mm],y [mm]\n1,2,\n", "3 cells"),
         (",".join(f"x{k}" for k in range(2000)) + "\n1\n", "at most 1,000"),
         ("x [mm]\n", "no rows"),
-    ],
-    ids=lambda value: repr(value)[:30],
-)
-def test_tables_that_are_none(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text(text, encoding="utf-8")
-    start = time.process_time()
-    with pytest.raises(InputError, match=message) as caught:
-        csv_columns.read(path)
-    assert time.process_time() - start < 1
-    assert len(str(caught.value)) < 400 + len(str(path))
+    ):
+        path.write_text(text, encoding="utf-8")
+        start = time.process_time()
+        with pytest.raises(InputError, match=message) as caught:
+            csv_columns.read(path)
+        assert time.process_time() - start < 1
+        assert len(str(caught.value)) < 400 + len(str(path))
 
 
 # regular expressions -----------------------------------------------------------------------------
@@ -376,27 +352,23 @@ PIECES = (
 )  # fmt: skip
 
 
-def _match_all(names: list[tuple[str, str]]) -> None:
-    for module, name in names:
-        pattern = getattr(importlib.import_module(module), name)
-        for piece in PIECES:
-            for start in ("", "a"):
-                for end in ("!", "]"):
-                    text = start + piece * (50_000 // len(piece)) + end
-                    pattern.fullmatch(text.encode() if isinstance(pattern.pattern, bytes) else text)
+def _match_all(patterns):
+    for pattern in patterns:
+        for piece, start, end in itertools.product(PIECES, ("", "a"), ("!", "]")):
+            text = start + piece * (50_000 // len(piece)) + end
+            pattern.fullmatch(text.encode() if isinstance(pattern.pattern, bytes) else text)
 
 
 @pytest.mark.slow
-def test_no_regular_expression_takes_long_over_any_text() -> None:
+def test_no_regular_expression_takes_long_over_any_text():
     """Those that are searched for inside a text see the package's own output, or a tag that an XML parser took."""
-    names = []
-    for found in pkgutil.walk_packages(precision_pin.__path__, "precision_pin."):
-        if "robots" in found.name or found.name.endswith("__main__") or ".view" in found.name:
-            continue
-        module = importlib.import_module(found.name)
-        names += [(found.name, name) for name, value in vars(module).items() if isinstance(value, re.Pattern)]
-    assert len(names) > 15
-    process = multiprocessing.get_context("fork").Process(target=_match_all, args=(names,), daemon=True)
+    patterns = set()
+    for found in pkgutil.walk_packages(pp.__path__, "precision_pin."):
+        if not ("robots" in found.name or found.name.endswith("__main__") or ".view" in found.name):
+            values = vars(importlib.import_module(found.name)).values()
+            patterns |= {value for value in values if isinstance(value, re.Pattern)}
+    assert len(patterns) > 15
+    process = multiprocessing.get_context("fork").Process(target=_match_all, args=(patterns,), daemon=True)
     process.start()
     process.join(60)
     alive = process.is_alive()
@@ -407,7 +379,7 @@ def test_no_regular_expression_takes_long_over_any_text() -> None:
 # what a machine cannot hold ----------------------------------------------------------------------
 
 
-def test_a_covariance_that_a_machine_cannot_hold_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_covariance_that_a_machine_cannot_hold_is_refused_at_once(monkeypatch):
     monkeypatch.setattr("precision_pin.base.arguments.available_memory", lambda: 10**6)
     monkeypatch.setattr("precision_pin.base.arguments._UNCHECKED", 0)
     with pytest.raises(InputError, match="of memory are free"):
@@ -417,7 +389,7 @@ def test_a_covariance_that_a_machine_cannot_hold_is_refused_at_once(monkeypatch:
 
 
 @pytest.mark.slow
-def test_analyses_that_take_hours_are_refused_at_once(load: Load) -> None:
+def test_analyses_that_take_hours_are_refused_at_once(load):
     few = ErrorModel.from_sheet(load(many(4)))
     wide = ErrorModel(
         few.chain, Space(tuple(Draw(f"a{k}", Normal(1.0)) for k in range(10_001))), few.sources[:0], few.poses
