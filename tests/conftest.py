@@ -4,7 +4,6 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -24,20 +23,20 @@ gc.disable()
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
+def pytest_xdist_auto_num_workers(config):
     """Take no workers where only files are named: each imports everything anew."""
     return 0 if all(".py" in word for word in config.args) else None
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_sessionstart(session: pytest.Session) -> None:
+def pytest_sessionstart(session):
     """Compile the sampler before there are workers: each of them would compile all of it, at the same time."""
     if getattr(session.config.option, "tx", None) and not hasattr(session.config, "workerinput"):
         _compile_all_variants()
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(items):
     """Of the cases of a test marked ``fast(n)``, n spread evenly run in the fast run; tests with a browser come last.
 
     At first a worker's other tests and the build of the site leave a browser no processor to draw with.
@@ -45,7 +44,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if "support.browser" in sys.modules:
         of_browsers = sys.modules["support.browser"].needs_chromium.mark
         items.sort(key=lambda item: of_browsers in item.iter_markers("skipif"))
-    cases: dict[tuple[Path, str], list[pytest.Item]] = {}
+    cases = {}
     for item in items:
         if item.get_closest_marker("fast") and not item.get_closest_marker("slow"):
             cases.setdefault((item.path, item.nodeid.partition("[")[0]), []).append(item)
@@ -57,7 +56,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker("slow")
 
 
-def _compile_all_variants() -> None:
+def _compile_all_variants():
     from precision_pin.base.compile_ahead import Job, compile_jobs
     from precision_pin.kernel import parts
 
@@ -77,7 +76,7 @@ def _compile_all_variants() -> None:
     compile_jobs([*ahead, *whole])
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     """Run the garbage collector less often: what importing and collecting made stays.
 
     Not `gc.freeze`: Hypothesis looks for the referrers of its generator, and finds none among frozen objects.
@@ -87,7 +86,7 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def site_begun(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def site_begun(request, tmp_path_factory):
     """Build the site beside the other tests: in their turn, the workers would wait a minute for one of them."""
     is_needed = any(item.path.name == "test_site.py" for item in request.session.items)
     process = site.begin(tmp_path_factory.getbasetemp()) if is_needed else None
@@ -97,7 +96,7 @@ def site_begun(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
+def pytest_runtest_teardown(item, nextitem):
     """End the browser after the last test of a file that shares one."""
     yield
     if "support.browser" in sys.modules and (nextitem is None or nextitem.path != item.path):
@@ -108,13 +107,13 @@ HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signa
 
 
 @pytest.fixture(autouse=True)
-def signals_stay() -> Iterator[None]:
+def signals_stay():
     """Give the tests their signals back: the command line keeps them to the end, in a module's fixture too."""
     take_signals_back()
     yield
     take_signals_back()
 
 
-def take_signals_back() -> None:
+def take_signals_back():
     for number, handler in HANDLERS.items():
         signal.signal(number, handler)

@@ -5,8 +5,6 @@ were worked out for this project with 50-digit arithmetic and finite elements, a
 of a case are mm, angles mrad, as they were printed.
 """
 
-from __future__ import annotations
-
 import itertools
 import warnings
 
@@ -14,20 +12,10 @@ import numpy as np
 import pinocchio
 import pytest
 
-from precision_pin.draws.draw import Draw
-from precision_pin.draws.laws import Uniform
+from precision_pin import Chain, Draw, ErrorModel, Uniform
 from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import examples
-from precision_pin.robot.chain import Chain
-from precision_pin.sources import axis_install
-from precision_pin.sources.axis_install import AxisInstall
-from precision_pin.sources.beam import Beam
-from precision_pin.sources.joint_compliance import JointCompliance
-from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.sources.length import Length
-from precision_pin.sources.mcpc import Mcpc
-from precision_pin.sources.payload import Payload
+from precision_pin.sources import AxisInstall, Beam, JointCompliance, JointOffset, Length, Mcpc, Payload, axis_install
 from support.checks.beam import BEAM_CASES, LENGTH, pure_load
 from support.checks.bearings import check_axis_install
 from support.checks.common import one_link
@@ -41,11 +29,11 @@ NOTHING = np.zeros((0, 1))
 
 
 @pytest.fixture(scope="module")
-def paper_arm() -> Chain:
+def paper_arm():
     return Chain.from_urdf(examples.PAPER_SHEET.parent / "4dof.urdf")
 
 
-def lengths(limits=(0.05, 0.05, 0.25, 0.05, 0.25, 0.05)) -> tuple[Space, list[Length]]:
+def lengths(limits=(0.05, 0.05, 0.25, 0.05, 0.25, 0.05)):
     """a_0 … a_5 of section 4: a_1 moves joint 2 up and the tool out."""
     space = Space(tuple(Draw(f"a{k}", Uniform(limit * MM)) for k, limit in enumerate(limits)))
     return space, [

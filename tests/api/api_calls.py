@@ -1,9 +1,7 @@
 """The public calls of the package with valid arguments, and what may be given in place of one by mistake."""
 
-from __future__ import annotations
-
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -12,10 +10,9 @@ from typing import Any
 import numpy as np
 
 import precision_pin as pp
+from precision_pin import Chain, PrecisionPinError
 from precision_pin.analyses.calibration.design import stations_of
 from precision_pin.analyses.calibration.forecast import simulate_readings
-from precision_pin.base.errors import PrecisionPinError
-from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 from precision_pin.statistics import Specification
@@ -24,18 +21,18 @@ from precision_pin.terms.term import JointValue
 POSE = [0.1, 0.2, 0.3, 0.4]
 
 
-def anything(*arguments: Any, **options: Any) -> None:
+def anything(*arguments, **options):
     """Take anything and give nothing."""
 
 
 class Strange:
     """Knows nothing and can do nothing."""
 
-    def __repr__(self) -> str:
+    def __repr__(self):
         return "<Strange>"
 
 
-MISTAKES: dict[str, Any] = {
+MISTAKES = {
     "nothing": None,
     "true": True,
     "minus one": -1,
@@ -50,7 +47,6 @@ MISTAKES: dict[str, Any] = {
     "empty text": "",
     "bytes": b"3",
     "empty list": [],
-    "empty tuple": (),
     "empty mapping": {},
     "list of words": ["nonsense", "x"],
     "list of nothing": [None],
@@ -62,7 +58,6 @@ MISTAKES: dict[str, Any] = {
     "array of text": np.array(["a", "b"]),
     "array of objects": np.array([object(), object()]),
     "strange": Strange(),
-    "type": int,
     "function": anything,
 }
 """What stands where something else belongs."""
@@ -81,7 +76,7 @@ class Call:
     fine: dict[str, str]
     words: dict[str, str]
 
-    def run(self, **changed: Any) -> Any:
+    def run(self, **changed):
         """Call with some arguments changed; returns what is made, an iterator's items too."""
         given = {**self.arguments, **changed}
         parameters = inspect.signature(self.function).parameters.values()
@@ -98,7 +93,7 @@ class Call:
         return list(made) if inspect.isgenerator(made) else made
 
 
-def outcome(call: Call, argument: str, mistake: str) -> tuple[str, str]:
+def outcome(call, argument, mistake):
     """Make a mistake and see: what became of it, and the message."""
     try:
         made = call.run(**{argument: MISTAKES[mistake]})
@@ -111,7 +106,7 @@ def outcome(call: Call, argument: str, mistake: str) -> tuple[str, str]:
     return "fine" if mistake in call.fine.get(argument, "").split(", ") else "accepted", repr(made)[:100]
 
 
-def named(word: str, text: str) -> bool:
+def named(word, text):
     """Whether a message says of which argument it is."""
     text = text.lower()
     return any(
@@ -125,7 +120,7 @@ NUMBER = "zero, one half, minus one"
 POSITIVE = "one half"
 NOT_NEGATIVE = "zero, one half"
 OPTIONAL = "nothing"
-EMPTY = "empty list, empty tuple"
+EMPTY = "empty list"
 SEVERAL = "nothing, list of nothing"
 TEXT = "word, digits, empty text"
 WAY = Path(__file__).with_name("way.csv")
@@ -141,8 +136,8 @@ WORDS = {
 """What a message calls an argument, where it is not by its name."""
 FINE = {
     "seed": "zero", "confidence": POSITIVE, "specifications": EMPTY, "findings": EMPTY, "until": EMPTY, "threads": OPTIONAL,
-    "progress": "nothing, true, function, type", "keep_samples": "true", "reference": OPTIONAL, "relative_to": OPTIONAL,
-    "approach": "nothing, empty list, empty tuple, empty mapping", "locked": "nothing, empty mapping", "k": POSITIVE,
+    "progress": "nothing, true, function", "keep_samples": "true", "reference": OPTIONAL, "relative_to": OPTIONAL,
+    "approach": "nothing, empty list, empty mapping", "locked": "nothing, empty mapping", "k": POSITIVE,
     "correlations": EMPTY, "kinds": EMPTY, "mean": NUMBER, "half_width": NOT_NEGATIVE, "radius": NOT_NEGATIVE,
 }  # fmt: skip
 """The mistakes that are none, wherever an argument has this name."""
@@ -155,14 +150,14 @@ NOT_TRIED = {
 
 
 def call(
-    function: Callable[..., Any],
-    words: dict[str, str] | None = None,
-    label: str = "",
+    function,
+    words=None,
+    label="",
     /,
     *,
-    fine: dict[str, str] | None = None,
-    **given: Any,
-) -> Call:
+    fine=None,
+    **given,
+):
     """Return a call: an argument that is not given has its default, and is tried with mistakes as well."""
     parameters = inspect.signature(function).parameters.values()
     defaults = {
@@ -173,7 +168,7 @@ def call(
     return Call(label or function.__qualname__, function, arguments, known | (fine or {}), WORDS | (words or {}))
 
 
-def _calibration_calls() -> Iterator[Call]:
+def _calibration_calls():
     arm = small_model()
     tracker = pp.Measurement(target=(0.05, 0.03, 0.02))
     poses = np.random.default_rng(0).uniform(-2, 2, (4, 5))
@@ -208,13 +203,13 @@ def _calibration_calls() -> Iterator[Call]:
 
 
 @cache
-def model() -> pp.ErrorModel:
+def model():
     """Return the paper's arm."""
     return pp.ErrorModel.load(PAPER_SHEET)
 
 
 @cache
-def small_model() -> pp.ErrorModel:
+def small_model():
     """Return the paper's arm with errors of two joints only, for calls that take long with all errors."""
     arm = model()
     space = pp.Space((pp.Draw("a", pp.Normal(1e-3)), pp.Draw("b", pp.Uniform(1e-3))))
@@ -226,7 +221,7 @@ def small_model() -> pp.ErrorModel:
 
 
 @cache
-def calls() -> tuple[Call, ...]:
+def calls():
     """Return every public call."""
     return (
         *_sampling_calls(),
@@ -243,10 +238,10 @@ def calls() -> tuple[Call, ...]:
 TWO_POSES = np.tile(np.array(POSE)[:, None], 2)
 
 
-def _sampling_calls() -> Iterator[Call]:
+def _sampling_calls():
     arm = model()
     saving = {"resume": False, "files": {}, "tell": None}
-    fine = {"files": "nothing, empty mapping", "tell": "nothing, function, type"}
+    fine = {"files": "nothing, empty mapping", "tell": "nothing, function"}
     yield call(
         pp.monte_carlo, error_model=arm, q=POSE, samples=64, specifications=[Specification("position.x", 1e-3, 0.9)],
         processes=None, executor=None, tasks_under_way=None, journal=None, **saving,
@@ -270,7 +265,7 @@ def _sampling_calls() -> Iterator[Call]:
     yield call(pp.compare, models=[arm, arm], poses=POSE, samples=64, fine={"poses": SEVERAL})
 
 
-def _pose_calls() -> Iterator[Call]:
+def _pose_calls():
     chain = model().chain
     yield call(pp.inverse_kinematics, {"wanted": "wanted pose"},
                chain=chain, wanted=chain.at(POSE).pose, task="axis", reference=POSE)  # fmt: skip
@@ -298,7 +293,7 @@ def _pose_calls() -> Iterator[Call]:
     yield call(pp.Orientation.along, direction=(0.0, 0.0, -1.0), angles=4, fine={"angles": OPTIONAL})
 
 
-def _analysis_calls() -> Iterator[Call]:
+def _analysis_calls():
     arm, small = model(), small_model()
     problem = {
         "tolerances": [{"path": "axis_install[joint1].radius", "cost": {"reciprocal": 1.0}}], "specs": [{"rms": "1 m"}]
@@ -327,7 +322,7 @@ def _analysis_calls() -> Iterator[Call]:
                fine={"limit": POSITIVE, "required": POSITIVE})  # fmt: skip
 
 
-def _model_calls() -> Iterator[Call]:
+def _model_calls():
     arm = model()
     chain, space = arm.chain, arm.space
     at = arm.at()
@@ -371,7 +366,7 @@ def _model_calls() -> Iterator[Call]:
                fine={"twist": NUMBER, "values": f"{NUMBER}, {EMPTY}", "loaded": "true"})  # fmt: skip
 
 
-def _law_calls() -> Iterator[Call]:
+def _law_calls():
     names = "list of words, array of text"
     yield call(pp.Draw, name="a", law=pp.Uniform(1.0), names=(), fine={"name": TEXT, "names": EMPTY})
     correlated = {"names": "correlation", "matrix": "correlation"}
@@ -396,7 +391,7 @@ def _law_calls() -> Iterator[Call]:
                fine={"names": f"{EMPTY}, {names}"})  # fmt: skip
 
 
-def _mcpc_calls() -> Iterator[Call]:
+def _mcpc_calls():
     arm = pp.mcpc.from_chain(model().chain)
     errors = np.zeros(26)
     yield call(pp.mcpc.from_chain, {}, "mcpc.from_chain", chain=model().chain)
@@ -411,7 +406,7 @@ def _mcpc_calls() -> Iterator[Call]:
     yield call(arm.perturbed, parameter_errors=errors)
 
 
-def _result_calls() -> Iterator[Call]:
+def _result_calls():
     arm = model()
     poses = pp.sample_poses(arm, [next(iter(arm.poses)), POSE], samples=64)
     yield call(poses.between, {"one": "pose", "other": "pose"}, one=0, other=1, fine={"one": "zero", "other": "zero"})
@@ -432,13 +427,13 @@ def _result_calls() -> Iterator[Call]:
                fine={"total": "zero", "what": TEXT, "delay": NOT_NEGATIVE, "unit": TEXT})  # fmt: skip
 
 
-def _visiting(arm: pp.ErrorModel) -> pp.ErrorModel:
+def _visiting(arm):
     """Return the arm with a joint that comes to another place at every visit."""
     again = pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)
     source = pp.sources.JointOffset(joint=arm.chain.joint_names[0], offset="again")
     return pp.ErrorModel(arm.chain, arm.space.including([again]), [*arm.sources, source])
 
 
-def _shown(total: int, what: str, delay: float, unit: str) -> None:
+def _shown(total, what, delay, unit):
     with pp.progress(total, what, delay=delay, unit=unit) as advance:
         advance(1)

@@ -1,9 +1,7 @@
 """Arrays handed in may be changed afterwards, and arrays handed out written into, without changing any result."""
 
-from __future__ import annotations
-
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +10,9 @@ import pytest
 
 import precision_pin as pp
 from api.api_calls import POSE, model
+from precision_pin import PrecisionPinError, Source
 from precision_pin.base import se3
-from precision_pin.base.errors import PrecisionPinError
 from precision_pin.robot.places import Load, Place
-from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term
 
 ARM = model()
@@ -30,15 +27,15 @@ class Table(Source):
     turns: Any
 
     @property
-    def subject(self) -> str:
+    def subject(self):
         return "tool"
 
-    def terms(self, posture: Any, space: Any) -> Iterator[Term]:
+    def terms(self, posture, space):
         del space
         yield Term(posture.chain.end(4), np.array([*self.shifts, *self.turns]), ())
 
 
-def quantities(rng: np.random.Generator) -> dict[str, tuple[Callable[..., Any], list[Any]]]:
+def quantities(rng):
     """Return what is made of arrays: its name, how, and of which."""
     square = rng.normal(size=(3, 3))
     return {
@@ -76,7 +73,7 @@ def quantities(rng: np.random.Generator) -> dict[str, tuple[Callable[..., Any], 
     }
 
 
-def spoil(value: Any) -> None:
+def spoil(value):
     """Change an array or a list that was handed in."""
     if isinstance(value, np.ndarray):
         value += 1.0
@@ -91,7 +88,7 @@ NAMES = sorted(quantities(np.random.default_rng(0)))
 @pytest.mark.fast(6)
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_handed_in_may_be_changed_afterwards(name: str) -> None:
+def test_what_is_handed_in_may_be_changed_afterwards(name):
     make, arrays = quantities(np.random.default_rng(0))[name]
     _, same = quantities(np.random.default_rng(0))[name]
     made, kept = make(*arrays), make(*same)
@@ -103,7 +100,7 @@ def test_what_is_handed_in_may_be_changed_afterwards(name: str) -> None:
     assert bytes_of(made) == bytes_of(kept)
 
 
-RESULTS: dict[str, Callable[[], Any]] = {
+RESULTS = {
     "Chain": lambda: CHAIN,
     "Posture": lambda: CHAIN.at(POSE),
     "Postures": lambda: CHAIN.at_many(np.zeros((4, 3))),
@@ -132,20 +129,20 @@ RESULTS: dict[str, Callable[[], Any]] = {
 @pytest.mark.fast(3)
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 @pytest.mark.parametrize("name", RESULTS)
-def test_results_cannot_be_changed_by_writing_into_their_arrays(name: str) -> None:
+def test_results_cannot_be_changed_by_writing_into_their_arrays(name):
     assert changed_by_writing(RESULTS[name]()) == []
 
 
-def test_the_walk_finds_arrays_and_sees_changes() -> None:
+def test_the_walk_finds_arrays_and_sees_changes():
     class Open:
         __module__ = "precision_pin.nowhere"
 
-        def __init__(self) -> None:
+        def __init__(self):
             self.kept = np.zeros(2)
             self.parts = (np.ones(1), {"deep": np.ones(3)})
 
         @property
-        def made(self) -> Any:
+        def made(self):
             return np.zeros(3)
 
     assert {name for name, _ in arrays_of(Open())} == {".kept", ".parts[0]", ".parts[1]['deep']", ".made"}
@@ -155,11 +152,11 @@ def test_the_walk_finds_arrays_and_sees_changes() -> None:
 DEEPEST = 7
 
 
-def arrays_of(root: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
+def arrays_of(root):
     """Yield the name of each array and what gets it anew from the root, as a user would."""
-    seen: set[int] = set()
-    kept: list[Any] = []
-    waiting: list[tuple[str, Callable[[], Any], int]] = [("", lambda: root, 0)]
+    seen = set()
+    kept = []
+    waiting = [("", lambda: root, 0)]
     while waiting:
         name, get, depth = waiting.pop()
         value = get()
@@ -173,7 +170,7 @@ def arrays_of(root: Any) -> Iterator[tuple[str, Callable[[], Any]]]:
         waiting += [(f"{name}{part}", inner, depth + 1) for part, inner in _parts(value, get)]
 
 
-def _parts(value: Any, get: Callable[[], Any]) -> Iterator[tuple[str, Callable[[], Any]]]:
+def _parts(value, get):
     if isinstance(value, tuple | list):
         for k in range(min(len(value), 4)):
             yield f"[{k}]", lambda k=k: get()[k]
@@ -189,7 +186,7 @@ def _parts(value: Any, get: Callable[[], Any]) -> Iterator[tuple[str, Callable[[
             yield f".{name}", lambda name=name: getattr(get(), name)
 
 
-def _attributes(value: Any) -> list[str]:
+def _attributes(value):
     kind = type(value)
     found = set(vars(value)) if hasattr(value, "__dict__") else set()
     for name in dir(kind):
@@ -199,7 +196,7 @@ def _attributes(value: Any) -> list[str]:
     return sorted(name for name in found if not name.startswith("_"))
 
 
-def changed_by_writing(root: Any) -> list[str]:
+def changed_by_writing(root):
     """Return the arrays of a result into which a user can write so that the result itself changes."""
     found = []
     for name, get in arrays_of(root):
@@ -214,6 +211,6 @@ def changed_by_writing(root: Any) -> list[str]:
     return found
 
 
-def bytes_of(root: Any) -> dict[str, bytes]:
+def bytes_of(root):
     """Return the bytes of every array of a result by its name."""
     return {name: get().tobytes() for name, get in arrays_of(root)}

@@ -1,11 +1,7 @@
 """Python's warnings of what stretches an assumption: once a call, at the caller's line, and none from the command line."""
 
-from __future__ import annotations
-
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,17 +22,17 @@ ARM = pp.ErrorModel(
 )
 INSIDE = [0.1, 0.2, 0.3, 0.4]
 OUTSIDE = [0.1, 0.2, 9.0, 0.4]
-SAMPLED: dict[str, Any] = {"samples": 1024}
+SAMPLED = {"samples": 1024}
 
 
-def told(call: Callable[[], Any]) -> list[warnings.WarningMessage]:
+def told(call):
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         call()
     return [one for one in seen if issubclass(one.category, PrecisionPinWarning)]
 
 
-CALLS: dict[str, Callable[[Any], Any]] = {
+CALLS = {
     "ErrorModel.at": lambda q: ARM.at(q),
     "ErrorModel.at_many": lambda q: ARM.at_many([q]),
     "monte_carlo": lambda q: pp.monte_carlo(ARM, q, **SAMPLED),
@@ -52,7 +48,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
 
 @pytest.mark.fast(3)
 @pytest.mark.parametrize("name", CALLS)
-def test_limits_are_warned_of_once_at_the_callers_line(name: str) -> None:
+def test_limits_are_warned_of_once_at_the_callers_line(name):
     seen = [one for one in told(lambda: CALLS[name](OUTSIDE)) if "W_JOINT_LIMIT" in str(one.message)]
     assert len(seen) == 1
     assert "joint3" in str(seen[0].message)
@@ -61,7 +57,7 @@ def test_limits_are_warned_of_once_at_the_callers_line(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_path: Path) -> None:
+def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_path):
     assert told(lambda: pp.ErrorModel.load(PAPER_SHEET)) == []
     sheet = tmp_path / "arm.yaml"
     text = PAPER_SHEET.read_text().replace("robot: 4dof.urdf", f"robot: {model().chain.robot.file}")
@@ -73,7 +69,7 @@ def test_a_sheet_that_is_loaded_tells_its_findings_once_at_the_callers_line(tmp_
     assert Path(seen[0].filename) == Path(__file__)
 
 
-def test_the_result_holds_what_was_warned_of() -> None:
+def test_the_result_holds_what_was_warned_of():
     with pytest.warns(PrecisionPinWarning, match="W_JOINT_LIMIT"):
         result = pp.monte_carlo(ARM, OUTSIDE, **SAMPLED)
     assert [line for line in result.warnings if "W_JOINT_LIMIT" in line]
@@ -82,21 +78,21 @@ def test_the_result_holds_what_was_warned_of() -> None:
     assert len(poses.warnings) == 1
 
 
-def test_findings_that_were_handed_in_are_not_told_again() -> None:
+def test_findings_that_were_handed_in_are_not_told_again():
     finding, found = Finding("warning", "W_ELSEWHERE", "known already"), []
     assert told(lambda: found.append(pp.monte_carlo(ARM, INSIDE, findings=[finding], **SAMPLED))) == []
     assert str(finding) in found[0].warnings
 
 
 @pytest.mark.slow
-def test_the_command_line_tells_by_its_findings_alone() -> None:
+def test_the_command_line_tells_by_its_findings_alone():
     found = []
     words = ["analyze", "--q", "0 0 300 0 deg", "--samples", "1000"]
     assert told(lambda: found.append(CliRunner().invoke(cli, words))) == []
     assert (found[0].exit_code, found[0].stderr.count("W_JOINT_LIMIT")) == (0, 1)
 
 
-def test_a_square_array_of_poses_is_doubted_unless_the_limits_tell() -> None:
+def test_a_square_array_of_poses_is_doubted_unless_the_limits_tell():
     inside = np.full((4, 4), 0.1)
     for call in (ARM.chain.at_many, lambda q: list(ARM.at_many(q)), lambda q: pp.sample_poses(ARM, q, samples=64)):
         assert ["W_SQUARE_POSES" in str(one.message) for one in told(lambda: call(inside))] == [True]  # noqa: B023
@@ -104,7 +100,7 @@ def test_a_square_array_of_poses_is_doubted_unless_the_limits_tell() -> None:
         assert told(lambda: call(inside[:, :3])) == []  # noqa: B023
 
 
-def test_limits_tell_rows_from_columns() -> None:
+def test_limits_tell_rows_from_columns():
     """The elbow alone is limited to half a turn, the other joints to a whole one."""
     chain = pp.Chain.from_urdf(resolve_robot("example:ur5"), tip="tool0")
     columns = np.zeros((6, 6))
@@ -115,14 +111,14 @@ def test_limits_tell_rows_from_columns() -> None:
 
 
 @pytest.mark.parametrize("count", [3, 5])
-def test_poses_in_rows_are_refused_with_a_hint(count: int) -> None:
+def test_poses_in_rows_are_refused_with_a_hint(count):
     with pytest.raises(pp.InputError, match="poses are columns, so transpose it"):
         ARM.chain.at_many(np.zeros((count, 4)))
     with pytest.raises(pp.InputError, match=r"pose 0 of the list: .* 4 joints"):
         ARM.chain.at_many(np.zeros((4, count)).tolist())
 
 
-def test_a_list_of_poses_may_mix_names_and_values() -> None:
+def test_a_list_of_poses_may_mix_names_and_values():
     arm = pp.ErrorModel(ARM.chain, ARM.space, ARM.sources, {"home": INSIDE})
     named = dict(zip(ARM.chain.joint_names, INSIDE, strict=True))
     result = pp.sample_poses(arm, ["home", INSIDE, named], samples=64)
@@ -133,7 +129,7 @@ def test_a_list_of_poses_may_mix_names_and_values() -> None:
 
 
 @pytest.mark.slow
-def test_texts_and_lists_are_taken_where_specifications_are() -> None:
+def test_texts_and_lists_are_taken_where_specifications_are():
     one = pp.specification("1 mm @ 99 %")
     for given in ("1 mm @ 99 %", ["1 mm @ 99 %"], ("1 mm @ 99 %",), one, [one]):
         assert pp.monte_carlo(ARM, INSIDE, specifications=given, samples=64).summary.specifications[0].limit == 1e-3

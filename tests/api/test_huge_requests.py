@@ -1,13 +1,8 @@
 """Requests beyond the memory of any machine are refused in a line, at once; a long run tells how far it is at once."""
 
-from __future__ import annotations
-
 import fnmatch
 import itertools
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,12 +19,12 @@ CHAIN = MODEL.chain
 JOINTS, NUMBERS = len(CHAIN.joint_names), MODEL.space.size
 
 
-def zeros(*shape: int) -> Any:
+def zeros(*shape):
     """Return an array that takes no memory itself, however large."""
     return np.broadcast_to(np.zeros((1,) * len(shape)), shape)
 
 
-REQUESTS: dict[str, Callable[[int], object]] = {
+REQUESTS = {
     "poses in an array": lambda n: pp.sample_poses(MODEL, zeros(JOINTS, n)),
     "poses by joint": lambda n: pp.sample_poses(MODEL, {name: zeros(n) for name in CHAIN.joint_names}),
     "postures": lambda n: CHAIN.at_many(zeros(JOINTS, n)),
@@ -49,7 +44,7 @@ REQUESTS: dict[str, Callable[[int], object]] = {
 
 
 @pytest.mark.parametrize("what", REQUESTS)
-def test_what_no_machine_can_hold_is_refused_at_once(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_no_machine_can_hold_is_refused_at_once(what, monkeypatch):
     monkeypatch.setattr(arguments, "available_memory", lambda: 64 * 10**9)
     for count in (10**10, 10**15):
         begun = time.perf_counter()
@@ -60,7 +55,7 @@ def test_what_no_machine_can_hold_is_refused_at_once(what: str, monkeypatch: pyt
         assert len(str(refused.value)) < 250
 
 
-def test_a_refusal_says_how_much_it_takes_and_how_much_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refusal_says_how_much_it_takes_and_how_much_there_is(monkeypatch):
     monkeypatch.setattr(arguments, "available_memory", lambda: 64 * 10**9)
     with pytest.raises(
         pp.InputError, match=r"sampling 100,000,000 poses takes 1\d\d\.\d GB, 64\.0 GB of memory are free"
@@ -68,18 +63,18 @@ def test_a_refusal_says_how_much_it_takes_and_how_much_there_is(monkeypatch: pyt
         pp.sample_poses(MODEL, zeros(JOINTS, 10**8))
 
 
-def test_the_estimate_for_many_poses_is_what_the_result_holds() -> None:
+def test_the_estimate_for_many_poses_is_what_the_result_holds():
     # arrays of the result, twice as long as they are joined, and the joint values
     found = pp.sample_poses(MODEL, zeros(JOINTS, 3), samples=100, specifications="1 mm @ 90 %")
     held = sum(value.nbytes for value in vars(found).values() if isinstance(value, np.ndarray) and value is not found.q)
-    said: list[float] = []
+    said = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("precision_pin.sampling.many_poses.check_memory", lambda needed, *_: said.append(needed))
         pp.sample_poses(MODEL, zeros(JOINTS, 3), samples=100, specifications="1 mm @ 90 %")
     assert said == [2 * held + 3 * found.q.nbytes + 2 * 3 * 8]
 
 
-def test_postures_are_refused_when_their_arrays_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_postures_are_refused_when_their_arrays_are_asked_for(monkeypatch):
     postures = CHAIN.at_many(zeros(JOINTS, 1_000_000))
     monkeypatch.setattr(arguments, "available_memory", lambda: 10**8)
     for name in ("pose", "joint_jacobian"):
@@ -89,11 +84,11 @@ def test_postures_are_refused_when_their_arrays_are_asked_for(monkeypatch: pytes
 
 @pytest.mark.slow
 @pytest.mark.parametrize("listed", [False, True])
-def test_many_poses_tell_how_far_they_are_within_a_second(listed: bool) -> None:
+def test_many_poses_tell_how_far_they_are_within_a_second(listed):
     pp.sample_poses(MODEL, zeros(JOINTS, 2), samples=10)  # loads what is compiled
-    poses: Any = [[0.1] * JOINTS] * 100_000 if listed else zeros(JOINTS, 100_000)
+    poses = [[0.1] * JOINTS] * 100_000 if listed else zeros(JOINTS, 100_000)
 
-    def first_step(count: int) -> None:
+    def first_step(count):
         raise KeyboardInterrupt
 
     begun = time.perf_counter()
@@ -104,14 +99,14 @@ def test_many_poses_tell_how_far_they_are_within_a_second(listed: bool) -> None:
 
 LONG = 100_000
 """Characters of a text that is made to take long."""
-FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
+FILES = {
     "the heading of a column": (f"joint1{' ' * LONG}[deg\n0\n", lambda file: pp.read_trajectory(file, CHAIN)),
     "brackets in a heading": ("[" * LONG + "\n0\n", lambda file: pp.read_trajectory(file, CHAIN)),
     "blank lines": ("\n" * LONG, lambda file: read_ur_calibration(file, "ur3e")),
     "a line of blanks": (" " * LONG, lambda file: read_ur_calibration(file, "ur3e")),
     "lists without an end": ("delta_theta = [\n" * (LONG // 15), lambda file: read_ur_calibration(file, "ur3e")),
 }
-TEXTS: dict[str, Callable[[], object]] = {
+TEXTS = {
     "a specification": lambda: pp.specification("x" + " " * LONG + "@"),
     "a target": lambda: pp.monte_carlo(MODEL, samples=1, until="1" + " " * LONG + "to"),
     "a unit": lambda: MODEL.with_({"payload.mass": "1" + " 1" * LONG + " x"}),
@@ -122,7 +117,7 @@ TEXTS: dict[str, Callable[[], object]] = {
 
 @pytest.mark.fast(4)
 @pytest.mark.parametrize("what", [*FILES, *TEXTS])
-def test_a_text_made_to_take_long_is_refused_at_once(what: str, tmp_path: Path) -> None:
+def test_a_text_made_to_take_long_is_refused_at_once(what, tmp_path):
     file = tmp_path / "file"
     file.write_text(FILES[what][0] if what in FILES else "")
     begun = time.process_time()
@@ -132,7 +127,7 @@ def test_a_text_made_to_take_long_is_refused_at_once(what: str, tmp_path: Path) 
     assert len(str(refused.value)) < 2500
 
 
-def test_patterns_match_as_those_of_a_shell_do() -> None:
+def test_patterns_match_as_those_of_a_shell_do():
     begun = time.process_time()
     assert not matches("*a" * 30 + "*b", "a" * LONG)
     assert time.process_time() - begun < 0.1
@@ -148,7 +143,7 @@ GIB = 2**30
 def machine(tmp_path, monkeypatch):
     """Return a function that writes the files of the kernel: text by path."""
 
-    def write(**files: str) -> int | None:
+    def write(**files):
         for path, text in {"meminfo": f"MemAvailable: {8 * GIB // 1024} kB", **files}.items():
             place = tmp_path.joinpath(*path.split("__"))
             place.parent.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,6 @@
 """Wrong arguments of every public function end in one line that names the argument."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -16,12 +13,12 @@ SLOW = {"reliability", "budget", "worst_case"}
 
 
 @pytest.mark.slow
-def test_every_public_name_is_called() -> None:
+def test_every_public_name_is_called():
     called = {call.name.partition(".")[0] for call in calls()}
     assert set(pp.__all__) - called == MADE_BY_THE_PACKAGE - called | NOT_CALLED - {"mcpc"}
 
 
-def test_valid_calls_are_let_pass() -> None:
+def test_valid_calls_are_let_pass():
     for call in calls():
         if call.name not in SLOW:  # in their own tests
             call.run()
@@ -29,7 +26,7 @@ def test_valid_calls_are_let_pass() -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
-def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_mistake_is_refused_in_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     wrong, count = [], 0
     for call in calls():
@@ -41,19 +38,20 @@ def test_every_mistake_is_refused_in_one_line(tmp_path: Path, monkeypatch: pytes
                     kind, text = outcome(call, argument, mistake)
                     wrong += [(call.name, argument, mistake, kind, text)] if kind != "refused" else []
     assert wrong == []
-    assert count > 9000
+    assert count > 8000
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
-def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for call in calls():
         for argument, names in call.fine.items() if call.name != "population" else ():  # slow, and in its own tests
             if call.name in SLOW and argument in FINE:
                 continue  # quick calls hand it to the same code
-            mistakes = set(filter(None, names.split(", ")))
-            for mistake in mistakes - ({"type"} if "function" in mistakes else set()):  # both are called
+            # elsewhere than in monte_carlo a bar is drawn as a function is called
+            drawn = {"true"} if argument == "progress" and call.name != "monte_carlo" else set()
+            for mistake in set(filter(None, names.split(", "))) - drawn:
                 given = call.arguments[argument]
                 # a valid call has it already; those three are not among test_valid_calls_are_let_pass
                 is_given = type(given) is type(MISTAKES[mistake]) and not given and not MISTAKES[mistake]
@@ -64,7 +62,7 @@ def test_what_looks_like_a_mistake_and_is_none_is_let_pass(tmp_path: Path, monke
 @pytest.mark.fast(2)
 @pytest.mark.parametrize("kind", sorted({source.kind() for source in model().sources}))
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
-def test_a_setting_of_a_source_that_is_none_is_refused_by_name(kind: str) -> None:
+def test_a_setting_of_a_source_that_is_none_is_refused_by_name(kind):
     arm = model()
     source = next(source for source in arm.sources if source.kind() == kind)
     for setting in source.settings():
