@@ -160,7 +160,7 @@ def test_free_memory_is_that_of_the_tightest_group_or_the_machine(machine):
     assert machine() == 8 * GIB
     assert machine(own="0::/\n", **{"groups__memory.max": "max", "groups__memory.current": "1"}) == 8 * GIB
     nested = {"groups__a__memory.max": str(4 * GIB), "groups__a__memory.current": str(GIB)}
-    nested |= {"groups__a__b__memory.max": "max", "groups__a__b__memory.current": "0"}
-    assert machine(own="0::/a/b\n", **nested) == 3 * GIB
+    nested |= {"groups__a__b:c__memory.max": "max", "groups__a__b:c__memory.current": "0"}
+    assert machine(own="0::/a/b:c\n", **nested) == 3 * GIB
     first = {"groups__memory__x__memory.limit_in_bytes": str(GIB), "groups__memory__x__memory.usage_in_bytes": str(GIB)}
     assert machine(own="5:cpu:/\n4:memory:/x\n0::/\n", **first) == 0

@@ -175,6 +175,7 @@ def correlation(refuse, entry):
     [
         ("  - 0.5", "a correlation is {parameters: [a1, a2], correlation: 0.5}"),
         ("  - {parameters: a1, correlation: 0.5}", "expected the names of two or more parameters"),
+        ("  - {parameters: [a1, [c]], correlation: 0.5}", "expected the names of two or more parameters"),
         ("  - {parameters: [a1, c]}", "needs either correlation: (of two) or matrix:"),
         ("  - {parameters: [a1, c], correlation: 0.5, matrix: [[1, 0], [0, 1]]}", "needs either correlation:"),
         ("  - {parameters: [a1], correlation: 0.5}", "correlation: is for two parameters, these are 1"),
