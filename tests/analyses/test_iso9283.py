@@ -1,42 +1,26 @@
 """ISO 9283: figures of cycles by hand, the forecast against plain loops, closed forms and sampling, measured cycles beside it."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
 import numpy as np
 import pytest
 from scipy import integrate, stats
+from scipy.spatial import distance
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from precision_pin.analyses.iso9283.cube import (
-    Cube,
-    ToolPoses,
-    largest_cube,
-    lattice_of,
-    paths_of_approach,
-    standard_poses,
-)
+from precision_pin.analyses.iso9283.cube import Cube, ToolPoses, lattice_of, paths_of_approach, standard_poses
 from precision_pin.analyses.iso9283.figure import figure
 from precision_pin.analyses.iso9283.figures import mean_distance, read_cycles, repeatability_limit
 from precision_pin.analyses.iso9283.result import FigureLaw, pose_names
 from precision_pin.analyses.iso9283.table import iso9283_table, verdict
 from precision_pin.base.errors import PrecisionPinWarning
-from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.sources import Backlash, JointOffset, Length, Thermal
 from sampling.cases import MODEL
 from support import plain_robot
-
-
-def joint_errors(scopes) -> pp.ErrorModel:
-    """Return the arm with a normal offset of a milliradian of each joint, of these scopes."""
-    draws = tuple(pp.Draw(f"j{k}", pp.Normal(1e-3), scope) for k, scope in enumerate(scopes))
-    sources = [JointOffset(joint=joint, offset=draw.name) for joint, draw in zip(JOINTS, draws, strict=False)]
-    return pp.ErrorModel(CHAIN, pp.Space(draws), sources)
-
+from support.refusals import check_refused
 
 CHAIN = MODEL.chain
 
@@ -50,28 +34,28 @@ Q = np.random.default_rng(5).uniform(-0.6, 0.6, (len(JOINTS), 5)) + MODEL.config
 pytestmark = pytest.mark.filterwarnings("ignore:.*W_NO_VISITS")
 
 
-def tool_errors(laws, scope) -> pp.ErrorModel:
+def tool_errors(laws, scope):
     """Return the arm whose tool alone is displaced along x, y, z of the last joint."""
     draws = tuple(pp.Draw(f"d{axis}", law, scope) for axis, law in laws.items())
     sources = [Length(frame=CHAIN.tip, along=f"{axis} of {JOINTS[-1]}", parameters=(f"d{axis}",)) for axis in laws]
     return pp.ErrorModel(CHAIN, pp.Space(draws), sources)
 
 
-def offsets(*draws: pp.Draw, joints: int = 4) -> pp.ErrorModel:
+def offsets(*draws, joints=4):
     """Return the arm whose first joints are off, each by one of the draws or more."""
     sources = [JointOffset(joint=JOINTS[k % joints], offset=draw.name) for k, draw in enumerate(draws)]
     return pp.ErrorModel(CHAIN, pp.Space(draws), sources)
 
 
-SCOPES = (pp.Scope.UNIT, pp.Scope.POSE, pp.Scope.VISIT, pp.Scope.VISIT)
+def joint_errors(*scopes):
+    """Return the arm with a normal offset of a milliradian of each joint, of these scopes."""
+    return offsets(*(pp.Draw(f"j{k}", pp.Normal(1e-3), scope) for k, scope in enumerate(scopes)))
 
 
-MIXED = offsets(*(pp.Draw(f"j{k}", pp.Normal(1e-3), scope) for k, scope in enumerate(SCOPES)))
+MIXED = joint_errors(pp.Scope.UNIT, pp.Scope.POSE, pp.Scope.VISIT, pp.Scope.VISIT)
 
 
-def attained_by(
-    model: pp.ErrorModel, q: np.ndarray, robots: int, cycles: int, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
+def attained_by(model, q, robots, cycles, seed):
     """Return commanded poses ``(P, 4, 4)`` and attained ones ``(robots, P, cycles, 4, 4)``, by the plain model."""
     models = [model.at(one) for one in q.T]
     commanded = np.array([at.posture.pose for at in models])
@@ -107,35 +91,28 @@ def test_every_figure_of_every_robot(target, fit_base):
             for name in ("AP", "AP_x", "AP_y", "AP_z", "AP_a", "AP_b", "AP_c", "RP") if fit_base else one:
                 within = 1e-9 if fit_base else 1e-12
                 assert getattr(forecast, name).values[robot] == pytest.approx(one[name], abs=within), (name, robot, p)
-    assert found.E.values == pytest.approx(
-        [
-            max(math.dist(*pair) for pair in itertools.combinations(middles[first : first + 5, 0], 2))
-            for first in (0, 5)
-        ],
-        abs=1e-12,
-    )
+    spans = [distance.pdist(middles[first : first + 5, 0]).max() for first in (0, 5)]
+    assert found.E.values == pytest.approx(spans, abs=1e-12)
     worst = np.max([forecast.RP.values for forecast in found.poses.values()], axis=0)
     np.testing.assert_array_equal(found.worst["RP"].values, worst)
     frame = found.to_pandas()
-    assert frame.loc[("P3", "RP"), "mean"] == found.poses["P3"].RP.mean
-    assert frame.loc[("", "AD"), "std"] == found.AD.std
+    assert frame.loc[("P3", "RP"), "mean"] == pytest.approx(np.mean(found.poses["P3"].RP.values), rel=1e-12)
+    assert frame.loc[("", "AD"), "std"] == pytest.approx(np.std(found.AD.values, ddof=1), rel=1e-12)
     assert found.to_dict()["poses"]["P1"]["RP"]["quantiles"]["0.9973"] is None  # 10 robots are too few
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("axes", "factor"), [("xyz", 3.616088), ("xy", 3.218723), ("z", 2.606315)])
-def test_repeatability_of_normal_visits(axes, factor):
-    model = tool_errors({axis: pp.Normal(20e-6) for axis in axes}, pp.Scope.VISIT)
+def test_repeatability_of_normal_visits():
+    model = tool_errors({axis: pp.Normal(20e-6) for axis in "xyz"}, pp.Scope.VISIT)
     found = pp.iso9283(model, Q[:, :1], robots=2000).poses["P1"]
-    assert found.RP_limit.mean == pytest.approx(factor * 20e-6, rel=1e-6)
+    assert found.RP_limit.mean == pytest.approx(3.616088 * 20e-6, rel=1e-6)
     assert found.RP_limit.std < 1e-9 * found.RP_limit.mean
+    assert found.RP.mean / found.RP_limit.mean == pytest.approx(1 - 0.022, abs=0.005)
     # 30 cycles: the same law as of normal numbers made here
-    cloud = 20e-6 * np.random.default_rng(1).normal(size=(2000, 30, len(axes)))
+    cloud = 20e-6 * np.random.default_rng(1).normal(size=(2000, 30, 3))
     lengths = np.linalg.norm(cloud - cloud.mean(axis=1)[:, None], axis=2)
     independent = lengths.mean(axis=1) + 3 * lengths.std(axis=1, ddof=1)
     assert stats.ks_2samp(found.RP.values, independent).pvalue > 1e-3
-    if axes == "xyz":
-        assert found.RP.mean / found.RP_limit.mean == pytest.approx(1 - 0.022, abs=0.005)
 
 
 def test_limit_of_visits_that_are_not_normal():
@@ -147,29 +124,14 @@ def test_limit_of_visits_that_are_not_normal():
     assert "unit" in found.absent["E"]
 
 
-@pytest.mark.slow
-def test_accuracy_is_the_law_of_one_visit_where_visits_do_not_scatter():
-    model = joint_errors([pp.Scope.UNIT] * 4)
-    found = pp.iso9283(model, Q, robots=3000, cycles=2, seed=2)
-    sampled = pp.sample_poses(model, Q, samples=3000, seed=2)
-    for p, forecast in enumerate(found.poses.values()):
-        assert forecast.AP.mean == pytest.approx(sampled.norm_mean[0, p], rel=1e-9)
-        assert forecast.AP.std == pytest.approx(sampled.norm_std[0, p], rel=1e-9)
-        low, high = sampled.quantile_interval[1, 0, :, p]
-        assert low <= forecast.AP.quantile(0.95) <= high
-        assert not forecast.RP.values.any()
-        assert not forecast.RP_limit.values.any()
-
-
 def test_encoder_resolution_belongs_to_accuracy():
     """A draw of a pose is the same in all cycles there, and another at the next pose."""
-    found = pp.iso9283(joint_errors([pp.Scope.POSE] * 4), Q, robots=500)
+    found = pp.iso9283(joint_errors(*[pp.Scope.POSE] * 4), Q, robots=500)
     first, second = found.poses["P1"], found.poses["P2"]
     assert not first.RP.values.any()
+    assert not first.RP_limit.values.any()
     assert first.AP.values.min() > 0
     assert abs(stats.pearsonr(first.AP_x.values, second.AP_x.values).statistic) < 0.15
-    assert found.E is None
-    assert "unit" in found.absent["E"]
 
 
 @pytest.mark.slow
@@ -179,7 +141,6 @@ def test_a_load_is_a_payload_of_the_sheet():
     found = pp.iso9283(MODEL, Q[:, :2], robots=20, load=4.0, target=(0.0, 0.02, 0.1))
     expected = pp.iso9283(own, Q[:, :2], robots=20, target=(0.0, 0.02, 0.1))
     np.testing.assert_allclose(found.poses["P2"].AP.values, expected.poses["P2"].AP.values, rtol=1e-12)
-    assert found.poses["P2"].AP.mean > 1.5 * pp.iso9283(MODEL, Q[:, :2], robots=20).poses["P2"].AP.mean
     assert found.to_dict()["load"] == 4
 
 
@@ -194,13 +155,10 @@ def test_no_visits_is_warned_of():
 # form ----------------------------------------------------------------------------------------------------------------
 @pytest.mark.slow
 def test_the_same_bits_for_any_number_of_threads():
-    calls: list[int] = []
+    calls = []
     one = pp.iso9283(MIXED, Q, robots=1200, cycles=5, threads=1, progress=calls.append)
     assert sum(calls) == 1200 * 5 * 5
     assert one.to_json() == pp.iso9283(MIXED, Q, robots=1200, cycles=5, threads=3).to_json()
-    # the first robots of a longer run are those of a shorter one
-    fewer = pp.iso9283(MIXED, Q, robots=600, cycles=5)
-    np.testing.assert_array_equal(one.poses["P2"].RP.values[:600], fewer.poses["P2"].RP.values)
 
 
 @pytest.mark.slow
@@ -209,10 +167,8 @@ def test_limits_are_kept_at_every_pose():
     limits = [f"RP {middle!r} m @ 60 %", "AD 1 mm", "E 100 mm", "RP_c 1 urad"]
     found = pp.iso9283(MIXED, Q, robots=300, specifications=limits)
     shares = [one.probability for one in found.specifications]
-    assert shares[0] == np.mean(np.max([at.RP.values for at in found.poses.values()], axis=0) <= middle)
-    assert shares[0] == 0.5
-    assert shares[1] == np.mean(np.abs(found.AD.values) <= 1e-3)
-    assert (shares[2], shares[3]) == (1, 0)
+    assert np.mean(np.max([at.RP.values for at in found.poses.values()], axis=0) <= middle) == 0.5
+    assert shares == [0.5, np.mean(np.abs(found.AD.values) <= 1e-3), 1, 0]
     assert not found.met
     assert [one["met"] for one in found.to_dict()["spec"]] == [one.met for one in found.specifications]
     assert pp.iso9283(MIXED, Q, robots=300, specifications="E 100 mm @ 90 %").met
@@ -228,60 +184,23 @@ def test_quantiles_of_a_law():
         law.quantile(1.0)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"cycles": 5000}, "cycles must be a whole number from 2 to 4095"),
-        ({"target": (0, 0, 1e9)}, "target must lie within 1,000 m"),
-        ({"poses": None}, "the model has no pose to take the tool's orientation from"),
-        ({"specifications": "0.1 mm"}, "no figure of a specification named '0.1'"),
-        ({"specifications": "RP"}, "write it as 'RP 0.1 mm @ 95 %'"),
-        ({"specifications": "RP 1 mrad"}, "RP is limited by a length"),
-        ({"specifications": "RP_a 1 mm"}, "RP_a is limited by an angle"),
-        ({"poses": Q[:, :1], "specifications": "AD 1 mm"}, "limits AD, which this forecast does not have: between P2"),
-        ({"poses": Q[:, :2], "fit_base": True}, "three poses or more"),
-        ({"poses": np.tile(Q, 30)}, "1 to 100 poses"),
-    ],
-)
-def test_wrong_requests_are_refused(arguments, message):
-    with pytest.raises(pp.InputError, match=message):
-        pp.iso9283(MIXED, **{"poses": Q, "robots": 3, **arguments})
+def test_wrong_requests_are_refused():
+    for message, arguments in (
+        ("cycles must be a whole number from 2 to 4095", {"cycles": 5000}),
+        ("target must lie within 1,000 m", {"target": (0, 0, 1e9)}),
+        ("the model has no pose to take the tool's orientation from", {"poses": None}),
+        ("no figure of a specification named '0.1'", {"specifications": "0.1 mm"}),
+        ("write it as 'RP 0.1 mm @ 95 %'", {"specifications": "RP"}),
+        ("RP is limited by a length", {"specifications": "RP 1 mrad"}),
+        ("RP_a is limited by an angle", {"specifications": "RP_a 1 mm"}),
+        ("limits AD, which .* does not have: between P2", {"poses": Q[:, :1], "specifications": "AD 1 mm"}),
+        ("three poses or more", {"poses": Q[:, :2], "fit_base": True}),
+        ("1 to 100 poses", {"poses": np.tile(Q, 30)}),
+    ):
+        check_refused((message, pp.iso9283, MIXED), **{"poses": Q, "robots": 3, **arguments})
 
 
 # the standard's poses -------------------------------------------------------------------------------------------------
-def largest_where(reach):
-    """Return the largest cube where a function of points says what is within reach; points stand for joint values."""
-    return largest_cube(lambda points, starts=None: np.where(reach(points), points, np.nan), -np.ones(3), np.ones(3))
-
-
-@pytest.mark.slow
-def test_the_largest_cube_of_a_shell_is_that_of_a_dense_grid_of_centres():
-    """Between two spheres, above a floor: the half edge at a centre is the least of three lengths in closed form."""
-    inner = 0.3
-
-    def reach(points):
-        size = (points**2).sum(axis=0)
-        return (size <= 1) & (size >= inner**2) & (points[2] >= -0.4)
-
-    def half_edges(centres):
-        low, high = np.zeros(centres.shape[1]), np.ones(centres.shape[1])
-        for _ in range(40):
-            h = (low + high) / 2
-            farthest = ((np.abs(centres) + h) ** 2).sum(axis=0)
-            nearest = (np.maximum(np.abs(centres) - h, 0) ** 2).sum(axis=0)
-            fits = (farthest <= 1) & (nearest >= inner**2) & (centres[2] - h >= -0.4)
-            low, high = np.where(fits, h, low), np.where(fits, high, h)
-        return low
-
-    lines, around = [np.linspace(low, 1, 25) for low in (0, 0, -0.4)], 0.06
-    for _ in range(8):
-        centres = np.array(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
-        found = half_edges(centres)
-        lines, around = [np.linspace(one - around, one + around, 11) for one in centres[:, found.argmax()]], around / 3
-    largest = 2 * float(found.max())
-    side, centre = largest_where(reach)
-    assert (1 - 1e-3) * largest < side <= largest * (1 + 1e-9)
-    assert 2 * half_edges(centre[:, None])[0] >= side
 
 
 @pytest.mark.slow
@@ -293,7 +212,7 @@ def test_the_largest_cube_of_the_papers_arm_by_hand():
     outer, inner = math.hypot(1.97 + 1.77, 0.274), math.hypot(1.97 - 1.77, 0.274)
     # the far corners: (inner + e)² + e²/4 + e²/4 = outer²
     edge = (-2 * inner + math.sqrt(4 * inner**2 - 6 * (inner**2 - outer**2))) / 3
-    paper = ErrorModel.load(PAPER_SHEET)
+    paper = pp.ErrorModel.load(PAPER_SHEET)
     _, cube = standard_poses(paper.chain, paper.configuration(), np.zeros(3))
     assert edge == pytest.approx(2.83155, abs=1e-5)
     assert (1 - 1e-3) * edge < cube.side <= edge * (1 + 1e-5)
@@ -305,7 +224,7 @@ def test_all_of_the_largest_cube_of_the_panda_is_within_reach():
 
     Out of reach is a pocket in the middle of a face: joints 2 and 4 are at their limits there. It keeps the edge from 0.4886 m.
     """
-    panda = ErrorModel.load(shipped_sheets()["panda"])
+    panda = pp.ErrorModel.load(shipped_sheets()["panda"])
     tool = ToolPoses(panda.chain, panda.at("ready").posture.pose[:3, :3], np.zeros(3))
     assert np.isfinite(tool.solve(lattice_of(0.4868, np.array([0.48157, -0.00028, 0.12271])))).all()
     larger = np.array([[0.48017], [0.0], [0.12261]]) + 0.24432 * np.array([[-1.0, -0.98], [0.0, 0.0], [0.23, 0.23]])
@@ -320,18 +239,18 @@ def test_joint_values_of_a_search_put_the_point_where_plain_kinematics_say(joint
     def tips(q):
         return np.stack([plain.poses(dict(zip(chain.joint_names, one, strict=True)))["tool"] for one in q.T], axis=-1)
 
-    q, target = np.random.default_rng(2).uniform(-1, 1, (joints, 60)), np.array([0.1, -0.2, 0.05])
+    q, target = np.random.default_rng(2).uniform(-1, 1, (joints, 20)), np.array([0.1, -0.2, 0.05])
     wanted = tips(q[:, :1])[:3, :3, 0]
     tool = ToolPoses(chain, wanted, target)
     begin = q + np.random.default_rng(3).uniform(-0.1, 0.1, q.shape)
     points = tips(q)[:3, 3] + np.einsum("ijp,j->ip", tips(q)[:3, :3], target)
     if joints == 7:  # the first pose alone has the orientation: points near its own, from its joint values
-        points, begin = points[:, :1] + np.random.default_rng(4).uniform(-0.03, 0.03, (3, 60)), np.tile(q[:, :1], 60)
+        points, begin = points[:, :1] + np.random.default_rng(4).uniform(-0.03, 0.03, (3, 20)), np.tile(q[:, :1], 20)
     kept = begin.copy()
     found = tool.solve(points, begin)
     assert (begin == kept).all()
     arrived = np.isfinite(found[0])
-    assert arrived.sum() > 50
+    assert arrived.sum() > 16
     pose = tips(found[:, arrived])
     reached = pose[:3, 3] + np.einsum("ijp,j->ip", pose[:3, :3], target)
     np.testing.assert_allclose(reached, points[:, arrived], rtol=0, atol=1e-6)
@@ -348,19 +267,12 @@ def test_points_of_the_cube_are_those_of_the_standard():
         assert points[:, 1:3] == pytest.approx(-points[:, 3:])
 
 
-@pytest.mark.slow
-def test_paths_along_the_base_axes_move_the_joints_as_differences_say():
-    model = ErrorModel.load(shipped_sheets()["ur5"])
-    q = model.poses["ready"]
-    ways = paths_of_approach(model.chain.at(q).joint_jacobian)
-    step = 1e-5
-    for axis, way in enumerate(ways):
-        goal = model.chain.at(q).pose.copy()
-        goal[axis, 3] += step
-        found = pp.inverse_kinematics(model.chain, goal, reference=q)
-        moved = found.q[:, 0] - q
-        moved[np.abs(moved) < 1e-4 * np.abs(moved).max()] = 0
-        assert way == tuple(np.sign(moved).astype(int))
+def test_paths_along_the_base_axes_turn_the_joints_that_move_the_tip_there():
+    model = pp.ErrorModel.load(shipped_sheets()["ur5"])
+    jacobian = model.chain.at(model.poses["ready"]).joint_jacobian
+    moved = np.linalg.solve(jacobian, np.eye(6)[:, :3]).T
+    moved[np.abs(moved) < 1e-6 * np.abs(moved).max()] = 0
+    assert paths_of_approach(jacobian) == [tuple(one) for one in np.sign(moved).astype(int)]
 
 
 @pytest.mark.slow
@@ -378,7 +290,7 @@ def test_poses_that_are_left_out_are_found_in_the_workspace():
         tip="tool",
     )  # fmt: skip
     draws = pp.Space((pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT),))
-    model = ErrorModel(gantry, draws, [JointOffset(joint="x", offset="again")], {"home": [0.1, 0.1, 0.1]})
+    model = pp.ErrorModel(gantry, draws, [JointOffset(joint="x", offset="again")], {"home": [0.1, 0.1, 0.1]})
     made = pp.iso9283(model, robots=64, cycles=4)
     assert 0.6 * (1 - 1e-3) < made.cube.side <= 0.6 + 1e-6
     assert made.to_dict()["cube"]["axes"] == "base"
@@ -389,11 +301,11 @@ def test_poses_that_are_left_out_are_found_in_the_workspace():
 @pytest.mark.slow
 def test_variation_over_paths_of_approach():
     # nothing follows the direction in the paper's sheet; a backlash does
-    paper = ErrorModel.load(PAPER_SHEET)
+    paper = pp.ErrorModel.load(PAPER_SHEET)
     turned = np.radians([45, 3, 88, -91])
     assert pp.iso9283(paper, [turned], robots=20, cycles=3).vAP is None
     play = [Backlash(joint="joint1", backlash=1e-3, band=50.0)]
-    loose = ErrorModel(paper.chain, paper.space, [*paper.sources, *play], paper.poses)
+    loose = pp.ErrorModel(paper.chain, paper.space, [*paper.sources, *play], paper.poses)
     variation = pp.iso9283(loose, [turned], robots=20, cycles=3).vAP
     # along x the upright joint 1 turns one way, along y the other: it rests on both flanks, 1 mrad apart at the tip's radius
     ways = paths_of_approach(paper.chain.at(turned).joint_jacobian)
@@ -408,35 +320,31 @@ def test_variation_over_paths_of_approach():
         assert value == pytest.approx(pp.iso9283_of(np.zeros(6), attained)["RP"], rel=1e-9)
 
 
-def warming(*sources: Thermal, joints: bool = False) -> pp.ErrorModel:
-    draws = tuple(pp.Draw(f"again[{joint}]", pp.Normal(1e-5), pp.Scope.VISIT) for joint in JOINTS) if joints else ()
-    again = [JointOffset(joint=joint, offset=draw.name) for joint, draw in zip(JOINTS, draws, strict=False)]
-    return pp.ErrorModel(CHAIN, pp.Space((pp.Draw("change", pp.Uniform(3.0, mean=10.0)), *draws)), [*sources, *again])
-
-
-@pytest.mark.slow
-def test_drift_is_largest_on_the_way_where_two_errors_come_and_go():
-    """One is there in no time, the other follows slowly against it; half an hour is the first time looked at."""
-    quick = Thermal(expansion=2e-5, temperature_change="change", time_constant=60.0)
-    slow = Thermal(expansion=-2e-5, temperature_change="change", time_constant=4 * 3600.0)
-    model = warming(quick, slow)
-    found = pp.iso9283(model, Q[:, :1], robots=5).drift
-    growth = 2e-5 * model.space.sample(0, 0, 5)[0] * np.linalg.norm(CHAIN.at(Q[:, 0]).pose[:3, 3])
-    np.testing.assert_allclose(found.values, growth * math.exp(-0.125), rtol=1e-9)
-
-
 @pytest.mark.slow
 def test_drift_of_a_robot_that_scatters_by_a_plain_loop():
-    model = warming(Thermal(expansion=2e-5, temperature_change="change", time_constant=3600.0), joints=True)
+    """One expansion is there in no time, the other follows slowly against it: the drift is largest on the way."""
+    again = [pp.Draw(f"again[{joint}]", pp.Normal(1e-5), pp.Scope.VISIT) for joint in JOINTS]
+    space = pp.Space((pp.Draw("change", pp.Uniform(3.0, mean=10.0)), *again))
+    scatter = [JointOffset(joint=joint, offset=draw.name) for joint, draw in zip(JOINTS, again, strict=True)]
+
+    def warming(*expansions, **times):
+        thermal = []
+        for k, size in enumerate(expansions):
+            own = {name: both[k] for name, both in times.items()}
+            thermal.append(Thermal(expansion=size, temperature_change="change", **own))
+        return pp.ErrorModel(CHAIN, space, [*thermal, *scatter])
+
+    model = warming(2e-5, -2e-5, time_constant=(60.0, 4 * 3600.0))
     found = pp.iso9283(model, Q[:, :1], robots=3, cycles=4, target=(0.0, 0.05, 0.1)).drift
     lever, accuracy = CHAIN.at(Q[:, 0]).pose[:3, :3] @ (0.0, 0.05, 0.1), []
     for k, hours in enumerate(np.linspace(0, 8, 17)):
-        share = 1 - math.exp(-hours)
-        at = warming(Thermal(expansion=2e-5 * share, temperature_change="change"), joints=True).at(Q[:, 0])
-        visits = [at.exact(model.space.sample(0, 0, 3, visit=4 * k + cycle)).T for cycle in range(4)]
+        at = warming(2e-5 * (1 - math.exp(-60 * hours)), -2e-5 * (1 - math.exp(-hours / 4))).at(Q[:, 0])
+        visits = [at.exact(space.sample(0, 0, 3, visit=4 * k + cycle)).T for cycle in range(4)]
         ways = [one[:, :3] + Rotation.from_rotvec(one[:, 3:]).apply(lever) - lever for one in visits]
         accuracy.append(np.linalg.norm(np.mean(ways, axis=0), axis=1))
-    assert found.values == pytest.approx(np.abs(np.array(accuracy) - accuracy[0]).max(axis=0), rel=1e-6)
+    off = np.abs(np.array(accuracy) - accuracy[0])
+    assert found.values == pytest.approx(off.max(axis=0), rel=1e-6)
+    assert (off.argmax(axis=0) < 16).all()
 
 
 HOME = np.zeros(6)
@@ -463,18 +371,6 @@ def test_figures_of_a_pose_by_hand():
     assert (found.RP, found.RP_a, found.RP_b, found.RP_c) == (0, 0, 0, 0)
 
 
-def test_angles_are_about_the_base_axes():
-    """A turn by 2 mrad about the base's z is c = 2 mrad, whatever the commanded orientation."""
-    commanded = Rotation.from_euler("xyz", [0.4, -1.1, 2.0])
-    turned = Rotation.from_rotvec([0, 0, 2e-3]) * commanded
-    attained = np.tile(np.eye(4), (2, 1, 1))
-    attained[:, :3, :3] = turned.as_matrix()
-    wanted = np.eye(4)
-    wanted[:3, :3] = commanded.as_matrix()
-    found = pp.iso9283_of(wanted, attained)
-    assert (found.AP_a, found.AP_b, found.AP_c) == pytest.approx((0, 0, 2e-3), abs=1e-15)
-
-
 def test_matrices_and_angles_are_the_same():
     rows = np.random.default_rng(1).normal(0, 0.3, (8, 6))
     matrices = np.tile(np.eye(4), (8, 1, 1))
@@ -482,6 +378,10 @@ def test_matrices_and_angles_are_the_same():
     matrices[:, :3, 3] = rows[:, :3]
     one, other = pp.iso9283_of(rows[7], rows[:7]), pp.iso9283_of(matrices[7], matrices[:7])
     assert list(dict(one).values()) == pytest.approx(list(dict(other).values()), abs=1e-14)
+    # a turn by 2 mrad about the base's z is c = 2 mrad, whatever the commanded orientation
+    matrices[:2, :3, :3] = Rotation.from_rotvec([0, 0, 2e-3]).as_matrix() @ matrices[7, :3, :3]
+    found = pp.iso9283_of(matrices[7], matrices[:2])
+    assert (found.AP_a, found.AP_b, found.AP_c) == pytest.approx((0, 0, 2e-3), abs=1e-15)
 
 
 def test_distance_by_hand():
@@ -510,11 +410,9 @@ def test_near_the_singularity_of_the_angles_it_warns():
 
 
 # RP of many cycles ---------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("axes", "expected"), [((1, 1, 1), 3.616088), ((1, 1, 0), 3.218723), ((0, 0, 1), 2.606315), ((0, 0, 0), 0.0)]
-)
-def test_limit_in_space_in_a_plane_and_on_a_line(axes, expected):
-    assert repeatability_limit(np.diag(np.array(axes, dtype=float))) == pytest.approx(expected, abs=1e-6)
+def test_limit_in_space_in_a_plane_and_on_a_line():
+    found = [repeatability_limit(np.diag(axes)) for axes in ([1.0, 1, 1], [1.0, 1, 0], [0.0, 0, 1], [0.0, 0, 0])]
+    assert found == pytest.approx([3.616088, 3.218723, 2.606315, 0], abs=1e-6)
 
 
 @pytest.mark.parametrize("spread", [(1, 2, 3), (1e-5, 0.3, 1), (0, 1e-3, 1), (0, 0.2, 0.7), (1e-6, 1e-6, 4e-6)])
@@ -532,7 +430,7 @@ def test_mean_distance_by_its_integral(spread):
 CYCLES = 6
 
 
-def arm(visits: float = 1e-4) -> pp.ErrorModel:
+def arm(visits=1e-4):
     """Return the arm with joint offsets of a milliradian of each robot, and others at each visit."""
     built = [pp.Draw(f"built{k}", pp.Normal(1e-3)) for k in range(3)]
     return offsets(*built, *(pp.Draw(f"again{k}", pp.Uniform(visits), pp.Scope.VISIT) for k in range(3)), joints=3)
@@ -541,7 +439,7 @@ def arm(visits: float = 1e-4) -> pp.ErrorModel:
 FOUR = list(Q[:, :4].T)
 
 
-def measure(model: pp.ErrorModel, robots: int, seed: int) -> list[dict[str, np.ndarray]]:
+def measure(model, robots, seed):
     """Return the attained poses of robots by the plain model."""
     _, attained = attained_by(model, Q[:, :4], robots, CYCLES, seed)
     return [{f"P{p + 1}": of_pose for p, of_pose in enumerate(of_robot)} for of_robot in attained]
@@ -559,20 +457,15 @@ def test_the_picture_spreads_each_law_to_both_sides_of_its_pose(forecast):
 
 
 @pytest.mark.slow
-def test_robots_of_the_sheet_differ_once_in_twenty(forecast):
-    """The share of alarms among robots built as the sheet says is that of the test, exactly: a binomial number."""
+def test_probabilities_of_robots_of_the_sheet_are_uniform(forecast):
     found = [forecast.compare(robot).measured.probability for robot in measure(arm(), 100, seed=2)]
-    alarms = sum(p <= 0.05 for p in found)
-    assert stats.binom.cdf(alarms, 100, 0.05) > 1e-3
-    assert stats.binom.sf(alarms - 1, 100, 0.05) > 1e-3
     assert stats.kstest(found, "uniform").pvalue > 1e-3
 
 
 def test_a_robot_whose_joints_come_back_worse_or_better_differs_in_repeatability(forecast):
     found = forecast.compare(measure(arm(visits=3e-4), 1, seed=3)[0])
     measured = found.measured
-    assert measured.agrees is False
-    assert measured.probability == pytest.approx(1 / 401)
+    assert (measured.agrees, measured.probability) == (False, pytest.approx(1 / 401))
     assert {one.name for one in measured.differing} <= {"RP", "RP_a", "RP_b", "RP_c", "RD"}
     assert measured.figure("P2", "RP").below == 1
     assert "DIFFERS" in verdict(measured)
@@ -580,7 +473,6 @@ def test_a_robot_whose_joints_come_back_worse_or_better_differs_in_repeatability
     lines = iso9283_table(found).splitlines()
     assert lines[0].startswith("95 % of robots built will show RP of ")
     assert lines[2].startswith("measured: DIFFERS")
-    assert {"P1", "P2", "P3", "P4"} <= {line.split()[0] for line in lines if line}
     better = forecast.compare(measure(arm(visits=1e-5), 1, seed=3)[0]).measured
     assert (better.agrees, better.figure("P2", "RP").below) == (False, 0)
 
@@ -594,7 +486,6 @@ def test_figures_are_those_of_the_cycles_and_some_of_them_are_enough(forecast):
     assert figure.value == one.RP
     assert figure.below == np.mean(forecast.poses["P3"].RP.values <= one.RP)
     assert found.to_dict()["measured"]["poses"]["P3"]["RP"] == one.RP
-    assert forecast.measured is None
     pair = [forecast.poses[pose].commanded for pose in ("P2", "P4")]
     assert found.measured.distance == pp.iso9283_distance(pair, [robot["P2"], robot["P4"]])
     some = forecast.compare({"P2": robot["P2"][:, :3, 3], "3": robot["P3"][:, :3, 3]}).measured
@@ -610,16 +501,12 @@ def test_figures_are_those_of_the_cycles_and_some_of_them_are_enough(forecast):
 @pytest.mark.slow
 def test_a_measuring_system_elsewhere_needs_the_fit(forecast):
     """The best fit takes out where the measuring system stands; without it every position is far off."""
-    robot = measure(arm(), 1, seed=4)[0]
-    turn = Rotation.from_rotvec([0.2, -0.1, 2.0]).as_matrix()
-    elsewhere = {pose: values.copy() for pose, values in robot.items()}
-    for values in elsewhere.values():
-        values[:, :3, :3] = turn @ values[:, :3, :3]
-        values[:, :3, 3] = values[:, :3, 3] @ turn.T + [3.0, -1.0, 0.5]
+    robot, moved = measure(arm(), 1, seed=4)[0], np.eye(4)
+    moved[:3, :3], moved[:3, 3] = Rotation.from_rotvec([0.2, -0.1, 2.0]).as_matrix(), (3.0, -1.0, 0.5)
+    elsewhere = {pose: moved @ values for pose, values in robot.items()}
     fitted = pp.iso9283(arm(), FOUR, cycles=CYCLES, robots=400, fit_base=True)
     here, there = (fitted.compare(one).measured for one in (robot, elsewhere))
-    for one, other in zip(here.figures, there.figures, strict=True):
-        assert one.value == pytest.approx(other.value, abs=1e-9), one
+    assert [one.value for one in here.figures] == pytest.approx([one.value for one in there.figures], abs=1e-9)
     assert there.agrees
     assert not forecast.compare(elsewhere).measured.agrees
     with pytest.raises(pp.InputError, match="needs the cycles of all 4 poses, got 1"):
@@ -651,10 +538,9 @@ def test_a_file_of_positions_and_angles_or_rotation_vectors_or_alone(tmp_path):
 XYZ = "x [mm],y [mm],z [mm]"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("pose,cycle,x [mm],y [mm]\nP1,1,0,0\n", "no column in .* named 'z'"),
+def test_a_wrong_file_is_refused_in_a_line(tmp_path):
+    file = tmp_path / "cycles.csv"
+    for text, message in (
         (f"pose,{XYZ}\nP1,0,0,0\n", "no column in .* named 'cycle'"),
         ("pose,cycle,x,y [mm],z [mm]\nP1,1,0,0,0\n", "the column 'x' has no unit"),
         (f"pose,cycle,{XYZ},w [mm]\nP1,1,0,0,0,0\n", "the column 'w' has no meaning"),
@@ -663,40 +549,29 @@ XYZ = "x [mm],y [mm],z [mm]"
         (f"pose,cycle,{XYZ}\nP7,1,0,0,0\n", "no pose in .* named 'P7'"),
         (f"pose,cycle,{XYZ}\nP1,1,0,0,0\nhome,1,0,0,0\n", "'home' has the cycle 1 twice"),
         (f"pose,cycle,{XYZ}\nP1,1,0,0,0\nP2,2,0,0,0\n", "every pose needs the same cycles"),
-    ],
-)
-def test_a_wrong_file_is_refused_in_a_line(tmp_path, text, message):
-    file = tmp_path / "cycles.csv"
-    file.write_text(text)
-    with pytest.raises(pp.InputError, match=message) as caught:
-        read_cycles(file, NAMES)
-    assert "\n" not in str(caught.value)
+    ):
+        file.write_text(text)
+        check_refused((f"^[^\n]*{message}[^\n]*$", read_cycles, file, NAMES))
 
 
-@pytest.mark.parametrize(
-    ("refusing", "given", "message"),
-    [
-        (pp.iso9283_of, (np.zeros(5), np.zeros((3, 6))), r"the commanded pose must be a pose \(4, 4\)"),
-        (pp.iso9283_of, (2 * np.eye(4), np.zeros((3, 6))), "the commanded pose must be rotation"),
-        (pp.iso9283_of, (np.diag([1.0, 1, -1, 1]), np.zeros((3, 6))), "the commanded pose must be rotation"),
-        (pp.iso9283_of, (HOME, np.zeros((3, 3))), r"the attained poses must be poses \(n, 4, 4\)"),
-        (pp.iso9283_of, (HOME, np.zeros((1, 6))), "at least 2 cycles, got 1"),
-        (pp.iso9283_of, (HOME, np.array([np.eye(4), np.eye(4), np.ones((4, 4))])), "row 2 is not"),
-        (pp.iso9283_distance, (HOME, [np.zeros((2, 6))] * 2), "the commanded poses must be two"),
-        (pp.iso9283_distance, ([HOME, HOME], [np.zeros((2, 6)), np.zeros((3, 6))]), "2 and 3 cycles at the two poses"),
-    ],
-)
-def test_wrong_cycles_are_refused(refusing, given, message):
-    with pytest.raises(pp.InputError, match=message):
-        refusing(*given)
+def test_wrong_cycles_are_refused():
+    of, two = pp.iso9283_of, [np.zeros((2, 6))] * 2
+    check_refused(
+        (r"the commanded pose must be a pose \(4, 4\)", of, np.zeros(5), np.zeros((3, 6))),
+        ("the commanded pose must be rotation", of, 2 * np.eye(4), np.zeros((3, 6))),
+        ("the commanded pose must be rotation", of, np.diag([1.0, 1, -1, 1]), np.zeros((3, 6))),
+        (r"the attained poses must be poses \(n, 4, 4\)", of, HOME, np.zeros((3, 3))),
+        ("at least 2 cycles, got 1", of, HOME, np.zeros((1, 6))),
+        ("row 2 is not", of, HOME, np.array([np.eye(4), np.eye(4), np.ones((4, 4))])),
+        ("the commanded poses must be two", pp.iso9283_distance, HOME, two),
+        ("2 and 3 cycles at the two poses", pp.iso9283_distance, [HOME, HOME], [two[0], np.zeros((3, 6))]),
+    )
 
 
 def test_wrong_measured_cycles_are_refused(forecast):
-    for attained, message in (
-        ({}, "are of no pose"),
-        ({"P9": np.zeros((CYCLES, 3))}, "no pose of the forecast named 'P9'"),
-        ({"P1": np.zeros((CYCLES, 6))}, r"positions \(n, 3\) or poses \(n, 4, 4\)"),
-        ({"P1": np.zeros((30, 3))}, "are 30, the forecast has 6 cycles"),
-    ):
-        with pytest.raises(pp.InputError, match=message):
-            forecast.compare(attained)
+    check_refused(
+        ("are of no pose", forecast.compare, {}),
+        ("no pose of the forecast named 'P9'", forecast.compare, {"P9": np.zeros((CYCLES, 3))}),
+        (r"positions \(n, 3\) or poses \(n, 4, 4\)", forecast.compare, {"P1": np.zeros((CYCLES, 6))}),
+        ("are 30, the forecast has 6 cycles", forecast.compare, {"P1": np.zeros((30, 3))}),
+    )

@@ -1,7 +1,5 @@
 """What first-order results say of sides of play that turn over with the load of single robots."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -9,49 +7,42 @@ import pytest
 from scipy.stats import norm
 
 import precision_pin as pp
-from precision_pin.draws.laws import Normal, TruncatedNormal, Uniform
-from precision_pin.draws.space import Space
 from precision_pin.model.equilibrium import MOST_SIDES, fixed_sides, side_variants, turnover_findings
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.configurations import ApproachedPose
-from precision_pin.sources.backlash import Backlash
-from precision_pin.sources.joint_offset import JointOffset
-from precision_pin.sources.payload import Payload
 from support.checks.common import one_link
 
-UP = ApproachedPose([0.0], "hinge +")
+UP = pp.ApproachedPose([0.0], "hinge +")
 
 
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 
-def hinge(band: float = 98.0, gap: float = 1e-3) -> ErrorModel:
+def hinge(band=98.0, gap=1e-3):
     """Return a hinge with a load of 98.1 N·m ± 3.924 N·m, 1 m from the tip."""
     sources = [
-        Payload(at="tool", mass=Normal(0.4, mean=10.0)),
-        Backlash(joint="hinge", backlash=gap, band=band),
-        JointOffset(joint="hinge", offset=Uniform(1e-4)),
+        pp.sources.Payload(at="tool", mass=pp.Normal(0.4, mean=10.0)),
+        pp.sources.Backlash(joint="hinge", backlash=gap, band=band),
+        pp.sources.JointOffset(joint="hinge", offset=pp.Uniform(1e-4)),
     ]
-    return ErrorModel(one_link(axis=(0, 1, 0)), Space(), sources)
+    return pp.ErrorModel(one_link(axis=(0, 1, 0)), pp.Space(), sources)
 
 
 @pytest.mark.parametrize("band", [92.0, 96.0, 103.0])
-def test_the_share_against_the_normal_law(band: float) -> None:
+def test_the_share_against_the_normal_law(band):
     (found,) = turnover_findings(hinge(band).at(UP))
     assert found.code == "W_TURNOVER"
-    share = float(re.search(r"load of ([\d.e+]+) %", found.message)[1]) / 100  # type: ignore[index]
+    share = float(re.search(r"load of ([\d.e+]+) %", found.message)[1]) / 100
     expected = norm.cdf(-abs(98.1 - band) / 3.924)
     assert abs(share - expected) < 5 * np.sqrt(expected / 4096) + 0.05 * expected
     assert "at hinge the load" in found.message
     assert "by up to 1 mm" in found.message
 
 
-def test_nothing_is_said_where_all_but_a_few_robots_agree() -> None:
-    for model, pose in ((hinge(), [0.0]), (hinge(83.0), UP), (hinge(), ApproachedPose([0.0], "hinge -"))):
+def test_nothing_is_said_where_all_but_a_few_robots_agree():
+    for model, pose in ((hinge(), [0.0]), (hinge(83.0), UP), (hinge(), pp.ApproachedPose([0.0], "hinge -"))):
         assert turnover_findings(model.at(pose)) == ()
 
 
-def test_the_model_with_sides_fixed() -> None:
+def test_the_model_with_sides_fixed():
     at = hinge().at(UP)
     x = at.space.sample(0, 0, 100)
     assert np.ptp(at.linear(x)[4]) > 1e-3
@@ -65,19 +56,18 @@ def test_the_model_with_sides_fixed() -> None:
     assert fixed_sides(plain) is plain
 
 
-def test_the_worst_case_has_both_flanks() -> None:
+def test_the_worst_case_has_both_flanks():
     # the mean load runs ahead, so that the flank behind is reached by single robots only
     found = pp.worst_case(hinge(), UP, samples=2000).poses[0]
     dz = found.components[2]
     # dz = -1 m times the turn
-    assert dz.low == pytest.approx(-6e-4, rel=1e-6)
-    assert dz.high == pytest.approx(6e-4, rel=1e-6)
+    assert (dz.low, dz.high) == (pytest.approx(-6e-4, rel=1e-6), pytest.approx(6e-4, rel=1e-6))
     assert dz.seen[0] >= dz.low - 1e-9
     assert dz.seen[1] <= dz.high + 1e-9
     assert found.position.first_order.upper == pytest.approx(6e-4, rel=1e-3)
 
 
-def test_first_order_results_say_so() -> None:
+def test_first_order_results_say_so():
     model = hinge()
     for result in (
         pp.budget(model, UP, samples=1024),
@@ -91,24 +81,24 @@ def test_first_order_results_say_so() -> None:
     assert not any("W_TURNOVER" in line for line in pp.monte_carlo(model, UP, samples=1000).warnings)
 
 
-def test_closed_moments_do_not_run_across_the_jump() -> None:
+def test_closed_moments_do_not_run_across_the_jump():
     at = pp.moments(hinge(), UP, method="closed").poses[0]
     # the turn is ±0.1 mrad about the flank of the mean load
     assert at.mean.value[4] == pytest.approx(5e-4, abs=1e-12)
     assert at.covariance.value[4, 4] == pytest.approx(1e-8 / 3, rel=1e-6)
 
 
-def test_the_map_says_it_of_its_worst_pose() -> None:
-    found = pp.map_poses(hinge(96.0), [UP, ApproachedPose([0.05], "hinge +")], verify=0)
+def test_the_map_says_it_of_its_worst_pose():
+    found = pp.map_poses(hinge(96.0), [UP, pp.ApproachedPose([0.05], "hinge +")], verify=0)
     (line,) = (line for line in found.warnings if "W_TURNOVER" in line)
     assert line.count(found.poses.labels[found.worst_first[0]]) == 1
 
 
-def test_with_very_many_sides_the_worst_case_says_that_it_has_one_of_each() -> None:
+def test_with_very_many_sides_the_worst_case_says_that_it_has_one_of_each():
     sources = [
-        Payload(at="tool", mass=TruncatedNormal(0.4, mean=10.0, k=3.0)),
-        *(Backlash(joint="hinge", backlash=1e-4, band=98.0 + 0.01 * k) for k in range(MOST_SIDES + 1)),
+        pp.sources.Payload(at="tool", mass=pp.TruncatedNormal(0.4, mean=10.0, k=3.0)),
+        *(pp.sources.Backlash(joint="hinge", backlash=1e-4, band=98.0 + 0.01 * k) for k in range(MOST_SIDES + 1)),
     ]
-    model = ErrorModel(one_link(axis=(0, 1, 0)), Space(), sources)
+    model = pp.ErrorModel(one_link(axis=(0, 1, 0)), pp.Space(), sources)
     assert len(side_variants(model.at(UP))) == 1
     assert any("W_TURNOVER" in line for line in pp.worst_case(model, UP, samples=500).warnings)

@@ -4,10 +4,6 @@ A hinge with its tip 1 m away, so that |δ| is the size of one number. Each requ
 is met is wrong, and may be in 2.5 of 100 runs. Coverage is measured as docs/coverage.md is, with fewer runs.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from benchmarks.coverage import analyses
@@ -15,8 +11,7 @@ from scipy import optimize, stats
 
 import precision_pin as pp
 from precision_pin.analyses.iso9283.result import LEAST
-from precision_pin.draws.draw import Scope
-from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
+from precision_pin.draws.laws import Lognormal, Normal, TwoPoint
 from precision_pin.pages.view.headline import answers
 from precision_pin.statistics import Specification
 from support.checks.common import one_link
@@ -30,27 +25,27 @@ UNIT = 1e-4
 SIGMA = np.sqrt(np.log(2))
 
 
-def hinge(*laws: Law, scope: Scope = Scope.UNIT) -> pp.ErrorModel:
+def hinge(*laws, scope=pp.Scope.UNIT):
     """Return the arm, its angle off by the sum of numbers of these laws."""
     draws = tuple(pp.Draw(f"a{number}", law, scope) for number, law in enumerate(laws))
     offsets = [pp.sources.JointOffset(joint="hinge", offset=draw.name) for draw in draws]
     return pp.ErrorModel(one_link(), pp.Space(draws), offsets)
 
 
-def rare(share: float, size: float) -> TwoPoint:
+def rare(share, size):
     """Return 0, and a size (in units) in a share of the robots."""
     return TwoPoint(size * UNIT / 2, size * UNIT / 2, share)
 
 
-def with_a_rare_step(x: float) -> float:
+def with_a_rare_step(x):
     return float(0.99 * stats.halfnorm.cdf(x) + 0.01 * (stats.norm.cdf(x - 8) - stats.norm.cdf(-x - 8)))
 
 
-def lognormal(x: float) -> float:
+def lognormal(x):
     return float(stats.norm.cdf((np.log(x) + SIGMA**2 / 2) / SIGMA)) if x > 0 else 0.0
 
 
-CASES: dict[str, tuple[tuple[Law, ...], Callable[[float], float], float]] = {
+CASES = {
     "rare, 1 %": ((rare(0.01, 2.0),), lambda x: 1.0 if x >= 2 else 0.99 if x >= 0 else 0.0, 1.0),
     "normal, and rare": ((Normal(UNIT), rare(0.01, 8.0)), with_a_rare_step, 4.0),
     "lognormal of variation 1": ((Lognormal(UNIT, UNIT),), lognormal, 6.0),
@@ -58,7 +53,7 @@ CASES: dict[str, tuple[tuple[Law, ...], Callable[[float], float], float]] = {
 }
 
 
-def quantile_of(below: Callable[[float], float], level: float) -> float:
+def quantile_of(below, level):
     """Return the least x with at least the level at or below it, to rounding."""
     if below(1e-9) >= level:
         return 0.0
@@ -67,7 +62,7 @@ def quantile_of(below: Callable[[float], float], level: float) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_a_sampled_verdict_and_quantile_may_be_wrong_as_often_as_stated(name: str) -> None:
+def test_a_sampled_verdict_and_quantile_may_be_wrong_as_often_as_stated(name):
     laws, below, limit = CASES[name]
     model, turns, levels = hinge(*laws), 40, (0.5, 0.95)
     required = below(limit) + 1e-9
@@ -84,19 +79,14 @@ def test_a_sampled_verdict_and_quantile_may_be_wrong_as_often_as_stated(name: st
     assert (held >= stats.binom.ppf(1e-3, turns, 0.95)).all()
 
 
-def test_no_failure_among_the_samples_is_no_proof() -> None:
+def test_no_failure_among_the_samples_is_no_proof():
     # 36.8 % of samples of 100 robots have none of a value that one in a hundred has
-    model = hinge(rare(0.01, 2.0))
-    for seed in range(40):
-        found = pp.monte_carlo(model, [0.0], samples=100, seed=seed, specifications="attitude 0.1 mrad @ 99.5 %")
-        (result,) = found.summary.specifications
-        assert not result.met
-        if result.probability == 1.0:
-            assert result.interval[0] == pytest.approx(0.025 ** (1 / 100))
-            assert result.verdict == "undecided"
-            break
-    else:
-        pytest.fail("no sample without the rare value")
+    asked = {"samples": 100, "specifications": "attitude 0.1 mrad @ 99.5 %"}
+    found = [pp.monte_carlo(hinge(rare(0.01, 2.0)), [0.0], seed=seed, **asked) for seed in range(10)]
+    results = [one.summary.specifications[0] for one in found]
+    assert not any(result.met for result in results)
+    alone = next(result for result in results if result.probability == 1.0)
+    assert (alone.interval[0], alone.verdict) == (pytest.approx(0.025 ** (1 / 100)), "undecided")
     none = pp.monte_carlo(hinge(rare(1e-7, 2.0)), [0.0], samples=100, specifications="attitude 0.1 mrad @ 95 %")
     assert none.summary.specifications[0].verdict == "met"
     assert none.position.norm.mean_interval() is None  # too skewed for the samples
@@ -104,23 +94,20 @@ def test_no_failure_among_the_samples_is_no_proof() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rare, 1 %", "lognormal of variation 1", "two values"])
-def test_a_limit_of_iso_9283_is_judged_by_tests_of_whole_robots(name: str) -> None:
+def test_a_limit_of_iso_9283_is_judged_by_tests_of_whole_robots(name):
     laws, below, limit = CASES[name]
     # the tip moves by the angle; AP of a robot whose visits are all alike is its error
     text = f"AP {1e3 * limit * UNIT} mm @ {100 * below(limit) + 1e-4} %"
-    wrong = [
-        pp.iso9283(hinge(*laws), [[0.0], [0.3]], cycles=2, robots=300, seed=seed, specifications=text)
-        .specifications[0]
-        .met
-        for seed in range(20)
-    ]
+    asked = {"cycles": 2, "robots": 300, "specifications": text}
+    found = [pp.iso9283(hinge(*laws), [[0.0], [0.3]], seed=seed, **asked) for seed in range(20)]
+    wrong = [one.specifications[0].met for one in found]
     assert sum(wrong) <= stats.binom.ppf(0.999, len(wrong), 0.025)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [rare(0.01, 3.0), Lognormal(UNIT, UNIT), TwoPoint(0.5 * UNIT, UNIT, 0.3)])
-def test_a_robot_of_the_sheet_is_told_from_it_as_often_as_stated(law: Law) -> None:
-    model, cycles, turns, differs = hinge(law, scope=Scope.VISIT), 5, 40, 0
+def test_a_robot_of_the_sheet_is_told_from_it_as_often_as_stated(law):
+    model, cycles, turns, differs = hinge(law, scope=pp.Scope.VISIT), 5, 40, 0
     forecast = pp.iso9283(model, [[0.0]], cycles=cycles, robots=200, seed=1)
     at = model.at([0.0])
     for robot in range(turns):
@@ -129,28 +116,25 @@ def test_a_robot_of_the_sheet_is_told_from_it_as_often_as_stated(law: Law) -> No
     assert differs <= stats.binom.ppf(0.999, turns, LEAST)
 
 
+TWO_RARE = (Normal(UNIT), rare(0.01, 4.0), rare(0.009, 4.0))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("laws", "limit", "failing"),
     [
         ((Normal(UNIT), rare(0.01, 3.0)), 5.0, lambda sf: 0.99 * sf(5, 0) + 0.01 * sf(5, 3)),
-        (
-            (Normal(UNIT), rare(0.01, 4.0), rare(0.009, 4.0)),
-            8.0,
-            lambda sf: 0.99 * 0.991 * sf(8, 0) + (0.01 * 0.991 + 0.99 * 0.009) * sf(8, 4) + 9e-5 * sf(8, 8),
-        ),
+        (TWO_RARE, 8.0, lambda sf: 0.99 * 0.991 * sf(8, 0) + (0.00991 + 0.00891) * sf(8, 4) + 9e-5 * sf(8, 8)),
         ((Lognormal(UNIT, UNIT),), 12.0, lambda _: 1 - lognormal(12.0)),
         ((Normal(UNIT), TwoPoint(UNIT, 0.0, 0.5)), 4.0, lambda sf: sf(4, 1) / 2 + sf(4, -1) / 2),
     ],
 )
-def test_a_rare_failure_is_not_understated(laws, limit: float, failing) -> None:
+def test_a_rare_failure_is_not_understated(laws, limit, failing):
     truth = failing(lambda size, mean: stats.norm.sf(size - mean) + stats.norm.cdf(-size - mean))
     asked = Specification("attitude.norm", limit * UNIT, 1 - 0.98 * truth)
     turns = 4
-    found = [
-        pp.reliability(hinge(*laws), [asked], [0.0], samples=1000, seed=seed).poses[0].specifications[0]
-        for seed in range(turns)
-    ]
+    made = [pp.reliability(hinge(*laws), [asked], [0.0], samples=1000, seed=seed) for seed in range(turns)]
+    found = [one.poses[0].specifications[0] for one in made]
     assert sum(one.met for one in found) <= stats.binom.ppf(0.999, turns, 0.025)
     ends = [one.best.interval for one in found]
     assert sum(low <= truth <= high for low, high in ends) >= stats.binom.ppf(1e-3, turns, 0.95)
@@ -175,10 +159,12 @@ def test_intervals_of_budget_and_moments(name, monkeypatch):
 
 
 @pytest.mark.slow
-def test_intervals_of_nets_over_one_angle():
-    rows = analyses._swinging_moments(0.3, "sobol", 20) + analyses._swinging_budget(analyses.SWINGS[1], 20)
+def test_intervals_over_one_angle():
+    rows = analyses._swinging_budget(analyses.SWINGS[1], 12)
+    for method in ("sobol", "control", "sobol-control"):
+        rows += analyses._swinging_moments(0.3, method, 12)
     assert not [(row.interval, row.given, row.held) for row in rows if not row.passes]
-    assert all(row.given >= 16 for row in rows)
+    assert all(row.given >= 10 for row in rows if "no first order" not in row.interval)
 
 
 @pytest.mark.slow
