@@ -293,7 +293,7 @@ def test_random_poses_of_contact_touch(run, folder):
 def test_a_factory_calibration_is_read_and_written(run, folder):
     if "ur5" not in example_urdfs():
         pytest.skip("example-robot-data is not installed")
-    write_conf(folder, "UR5")
+    write_conf(folder)
     files = ("--urdf", "ur5.built.urdf", "--json", "f.json")
     found = run("calibrate", "example:ur5", "--factory", "calibration.conf", *files)
     assert found.out.startswith("ur5_robot.urdf is a UR5; as its factory measured it, the tip is 2.24 mm rms")
@@ -301,7 +301,7 @@ def test_a_factory_calibration_is_read_and_written(run, folder):
     assert json.loads((folder / "f.json").read_text())["schema"] == "precision-pin/factory-calibration/1"
     q = [0.1, -1.2, 1.1, -0.3, 0.4, 2.0]
     tip = Chain.from_urdf(folder / "ur5.built.urdf", "tool0", "base").at(q).pose
-    np.testing.assert_allclose(tip, dh_flange("UR5", np.array(q)), atol=1e-9)
+    np.testing.assert_allclose(tip, dh_flange(np.array(q)), atol=1e-9)
 
 
 @pytest.mark.slow

@@ -1,50 +1,30 @@
 """Left-out readings, what useless and wrong calibrations say, a std from readings: by other fits, closed forms and numpy."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from scipy import linalg, optimize, special, stats
+from scipy import optimize, special, stats
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
+from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.calibrate import LeftOutShare, gain_interval
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means, stations_of
 from precision_pin.analyses.calibration.fit import Likelihood, Problem, largest_likelihood, leave_out
-from precision_pin.draws.draw import Scope
-from precision_pin.sources import JointOffset
-
-
-def offsets(law: pp.Law, *more: pp.Source) -> pp.ErrorModel:
-    chain = paper_model().chain
-    sources = [JointOffset(joint=name, offset=law) for name in chain.joint_names]
-    return pp.ErrorModel(chain, pp.Space(), [*sources, *more])
-
-
-@cache
-def linear(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the slopes of three readings at each pose to whitened numbers and to base and target, ``(count, 3, …)``."""
-    free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
-    stations = stations_of(plain_model(), random_poses(4, count), free)
-    return stack_at_means(stations, UnitNumbers.of(plain_model().space), free)
+from support.refusals import check_refused
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [pp.Normal(1e-3), pp.Uniform(0.4e-3)])
-def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
+def test_what_is_left_out_is_what_a_fit_without_it_leaves(law):
     """Poses visited twice, repeatability, numbers at the ends of their laws: residual and deviation by other fits.
 
     Encoders tell no less than the two visits differ by: they are left out together, as those of one group are.
     """
-    repeat = JointOffset(joint="joint2", offset=pp.Draw("", pp.Normal(2e-5), Scope.VISIT))
+    repeat = pp.sources.JointOffset(joint="joint2", offset=pp.Draw("", pp.Normal(2e-5), pp.Scope.VISIT))
     model, real = offsets(law, repeat), offsets(pp.Normal(0.5e-3), repeat)
     tip = pp.Measurement(std=20e-6)
     q = np.repeat(random_poses(4, 6), 2, axis=1) + 1e-8 * np.arange(12)[None] % 2e-8
@@ -69,7 +49,7 @@ def test_what_is_left_out_is_what_a_fit_without_it_leaves(law: pp.Law) -> None:
 
 
 @pytest.mark.slow
-def test_a_calibration_helps_is_useless_or_harms() -> None:
+def test_a_calibration_helps_is_useless_or_harms():
     model, tip = offsets(pp.Normal(1e-3)), pp.Measurement(std=20e-6, target=OFF_AXIS, base="free")
     q = random_poses(4, 15)
     readings = readings_of(model, q, tip)
@@ -94,26 +74,23 @@ def test_a_calibration_helps_is_useless_or_harms() -> None:
     assert "W_OVER_CONFIDENT" in {finding.code for finding in harmed.findings}
 
 
-def test_the_share_within_has_the_binomial_interval_of_its_groups() -> None:
-    squares, sizes = np.where(np.arange(60) < 51, 1.0, 9.0), np.full(60, 3)
-    share = LeftOutShare.of(squares, sizes, 60)
+def test_the_share_within_has_the_binomial_interval_of_its_groups():
+    share = LeftOutShare.of(np.where(np.arange(60) < 51, 1.0, 9.0), np.full(60, 3), 60)
     expected = stats.binomtest(51, 60).proportion_ci(0.95, method="exact")
-    assert share.interval == pytest.approx((expected.low, expected.high), rel=1e-9)
-    assert share.within == 51 / 60
+    assert (share.within, *share.interval) == pytest.approx((51 / 60, expected.low, expected.high), rel=1e-9)
 
 
-def test_how_far_off_left_out_readings_are_decides_whether_deviations_are_honest() -> None:
+def test_how_far_off_left_out_readings_are_decides_whether_deviations_are_honest():
     """Squared sizes of three numbers each: the interval of a variance, and by F where the deviation is of 12 degrees."""
 
-    def of(ratio: float, trials: float, **more: float) -> LeftOutShare:
+    def of(ratio, trials, **more):
         return LeftOutShare.of(np.full(40, 3 * ratio**2), np.full(40, 3), trials, **more)
 
     for ratio, trials, verdict in ((1.3, 40, "over-confident"), (1.0, 40, "honest"), (0.8, 40, "over-cautious")):
         found = of(ratio, trials)
         # chi-square by the gamma function's inverse, not by the law that the code takes
         ends = [1.5 * trials / special.gammaincinv(1.5 * trials, side) for side in (0.975, 0.025)]
-        assert found.verdict == verdict
-        assert found.ratio == pytest.approx(ratio)
+        assert (found.verdict, found.ratio) == (verdict, pytest.approx(ratio))
         assert found.ratio_interval == pytest.approx(ratio * np.sqrt(ends), rel=1e-6)
     assert (of(1.0, 5).verdict, of(1.3, 5).verdict) == ("undecided", "undecided")
     sure, unsure = of(1.25, 40), of(1.25, 40, known=12)
@@ -123,7 +100,7 @@ def test_how_far_off_left_out_readings_are_decides_whether_deviations_are_honest
 
 
 @pytest.mark.slow
-def test_groups_that_share_errors_are_fewer_trials() -> None:
+def test_groups_that_share_errors_are_fewer_trials():
     """Squares of correlations between left-out readings, base and target free, by the map from readings to what is left out."""
     model, q = plain_model(), np.repeat(random_poses(4, 8), 2, axis=1)
     free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
@@ -149,9 +126,11 @@ def test_groups_that_share_errors_are_fewer_trials() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("noise", "size"), [(1, 1), (50, 0)])
-def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size: float) -> None:
+def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise, size):
     """Linear robots with a free base, 25 of 300 poses: the gain over all poses; where there is none, few "helps"."""
-    every, set_up = linear(300)
+    free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+    stations = stations_of(plain_model(), random_poses(4, 300), free)
+    every, set_up = stack_at_means(stations, UnitNumbers.of(plain_model().space), free)
     every, rng, held, helps, robots = every / noise, np.random.default_rng(0), [], [], 300
     for _ in range(robots):
         chosen = rng.choice(300, 25, replace=False)
@@ -179,35 +158,10 @@ def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise: float, size:
 
 
 @pytest.mark.slow
-def test_honest_robots_are_rarely_called_over_confident_and_others_mostly_named() -> None:
-    """Linear robots, base and target free, 20 sets of poses; noise as stated, and of twice the variance; all by numpy."""
-    (every, set_up), poses = linear(300), 25
-    rng, sizes, size = np.random.default_rng(1), np.full(poses, 3), 3 * poses
-    called: dict[float, list[bool]] = {1.0: [], 2.0: []}
-    for _ in range(20):
-        chosen = rng.choice(300, poses, replace=False)
-        a, n = every[chosen].reshape(size, -1), set_up[chosen].reshape(size, -1)
-        inverse = np.linalg.inv(np.eye(size) + a @ a.T)
-        across = np.linalg.pinv(n.T @ inverse @ n, rcond=1e-13, hermitian=True)
-        hold = inverse - inverse @ n @ across @ n.T @ inverse
-        own = [slice(3 * k, 3 * k + 3) for k in range(poses)]
-        # left out and white is root hold y, of covariance root hold root
-        root = linalg.block_diag(*(np.linalg.inv(np.linalg.cholesky(hold[one, one])) for one in own))
-        trials = poses**2 / ((root @ hold @ root.T) ** 2).sum() * 3
-        for variance, found in called.items():
-            y = a @ rng.standard_normal((a.shape[1], 50)) + np.sqrt(variance) * rng.standard_normal((size, 50))
-            squares = ((root @ hold @ y).reshape(poses, 3, 50) ** 2).sum(axis=1)
-            found += [LeftOutShare.of(one, sizes, trials).verdict == "over-confident" for one in squares.T]
-    # 1,000 robots of each: 2.5 % is stated, of which 4 % is three standard deviations off
-    assert np.mean(called[1.0]) < 0.04
-    assert np.mean(called[2.0]) > 0.9
-
-
-@pytest.mark.slow
-def test_new_readings_are_within_the_deviations_that_are_told() -> None:
+def test_new_readings_are_within_the_deviations_that_are_told():
     """Three robots, complete fits: 108 numbers at unseen poses and 108 left out; 0.085 are three deviations of a share."""
     model, free = plain_model(), pp.Measurement(std=20e-6, base="free")
-    within: dict[str, list[NDArray[np.bool_]]] = {"unseen": [], "left out": []}
+    within = {"unseen": [], "left out": []}
     for seed in range(3):
         q = random_poses(4, 24, seed)
         readings = readings_of(model, q, free, seed)
@@ -220,30 +174,24 @@ def test_new_readings_are_within_the_deviations_that_are_told() -> None:
         assert 0.865 < np.mean(shares) < 1
 
 
-UNKNOWN = pp.Measurement(std="estimate", target=OFF_AXIS, base="free", target_known=False)  # type: ignore[arg-type]
+UNKNOWN = pp.Measurement(std="estimate", target=OFF_AXIS, base="free", target_known=False)
 
 
-def groups_of(values: np.ndarray, between: float) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Return blocks of groups with an effect of std ``between``, about an unknown mean."""
-    visits = values.shape[1]
-    return [
-        (between**2 * np.ones((visits, visits)), np.eye(visits)[None], np.stack([np.ones(visits), own], axis=1))
-        for own in values
-    ]
-
-
-def test_one_way_effects_have_the_likelihood_of_balanced_analysis_of_variance() -> None:
+def test_one_way_effects_have_the_likelihood_of_balanced_analysis_of_variance():
     """-2 ln L = (G V - G) ln σ² + SSW/σ² + (G - 1) ln(σ² + V τ²) + SSB/(σ² + V τ²) + constant (Searle et al. 1992)."""
     groups, visits, between = 6, 4, 0.7
     values = np.random.default_rng(1).normal(0, 1.3, (groups, visits))
     within = ((values - values.mean(axis=1, keepdims=True)) ** 2).sum()
     other = visits * ((values.mean(axis=1) - values.mean()) ** 2).sum()
 
-    def closed(log: float) -> float:
+    def closed(log):
         a, b = np.exp(2 * log), np.exp(2 * log) + visits * between**2
         return groups * (visits - 1) * np.log(a) + within / a + (groups - 1) * np.log(b) + other / b
 
-    likelihood = Likelihood(groups_of(values, between), 0)
+    # groups with an effect of std ``between``, about an unknown mean
+    ones = np.ones(visits)
+    blocks = [(between**2 * np.outer(ones, ones), np.eye(visits)[None], np.column_stack([ones, own])) for own in values]
+    likelihood = Likelihood(blocks, 0)
     logs = np.array([-0.7, 0.0, 0.4])
     difference = [likelihood(np.array([log])) - closed(log) for log in logs]
     np.testing.assert_allclose(difference, difference[0], atol=1e-10)
@@ -253,37 +201,28 @@ def test_one_way_effects_have_the_likelihood_of_balanced_analysis_of_variance() 
     for end in ends[0]:
         assert closed(end) - best.fun == pytest.approx(stats.chi2.ppf(0.95, 1), abs=1e-4)
     a, b = np.exp(2 * best.x), np.exp(2 * best.x) + visits * between**2
-    assert likelihood.information(point)[0] == pytest.approx(
-        groups * (visits - 1) + (groups - 1) * (a / b) ** 2, rel=1e-9
-    )
+    expected = groups * (visits - 1) + (groups - 1) * (a / b) ** 2
+    assert likelihood.information(point)[0] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.slow
-def test_the_std_is_that_of_a_dense_likelihood() -> None:
+def test_the_std_is_that_of_a_dense_likelihood():
     """All readings in one covariance matrix, the set-up projected out by its null space, minimised by Nelder and Mead."""
-    model, q, count = plain_model(), random_poses(4, 12), 12
+    model, q, count = offsets(pp.Normal(1e-3)), random_poses(4, 12), 12
     given = {"kind": "pose", "target": OFF_AXIS, "base": "free"}
     readings = readings_of(model, q, pp.Measurement(std=0.2e-3, **given), seed=3)
     found = pp.calibrate(model, (q, readings), pp.Measurement(std="estimate", **given))
-    # the same linear problem, by the estimate's own derivatives
-    stations = stations_of(model, q, pp.Measurement(std=found.noise["std"].std, **given))
-    small = pp.Measurement(std=1.0, attitude_std=1.0, **given)
-    unit = UnitNumbers.of(model.space)
-    slopes = [small.slopes(one.at.posture.pose, one.at.error_at_means, np.zeros(6)) for one in stations]
-    by_z = np.concatenate(
-        [one.error @ at.at.jacobian[:, unit.columns] @ unit.root for one, at in zip(slopes, stations, strict=True)]
-    )
-    set_up = np.concatenate([one.nuisances for one in slopes])
-    z = np.linalg.lstsq(unit.root, np.array(list(found.posterior.mean.values())) - unit.mean, rcond=None)[0]
-    own = [at.noise(one.error, np.zeros(6), np.zeros(6, dtype=int)) for one, at in zip(slopes, stations, strict=True)]
-    fixed = linalg.block_diag(*own)
-    null = np.linalg.svd(set_up)[0][:, 6:]
-    left = null.T @ (found.residuals.ravel() + by_z @ z)
+    # the same linear problem, by the derivatives at the means
+    small, ats = pp.Measurement(std=1.0, attitude_std=1.0, **given), [model.at(one) for one in q.T]
+    slopes = [small.slopes(at.posture.pose, np.zeros(6), np.zeros(6)) for at in ats]
+    by_z = 1e-3 * np.concatenate([one.error @ at.jacobian for one, at in zip(slopes, ats, strict=True)])
+    null = np.linalg.svd(np.concatenate([one.nuisances for one in slopes]))[0][:, 6:]
+    left = null.T @ (found.residuals.ravel() + by_z @ [1e3 * one for one in found.posterior.mean.values()])
     lengths = np.tile(np.arange(6) < 3, count)
 
-    def minus_twice(logs: np.ndarray) -> float:
+    def minus_twice(logs):
         variances = np.where(lengths, np.exp(2 * logs[0]), np.exp(2 * logs[-1]))
-        covariance = null.T @ (fixed + np.diag(variances) + by_z @ by_z.T) @ null
+        covariance = null.T @ (np.diag(variances) + by_z @ by_z.T) @ null
         return np.linalg.slogdet(covariance)[1] + left @ np.linalg.solve(covariance, left)
 
     best = optimize.minimize(minus_twice, np.log([0.2e-3, 2e-3]), method="Nelder-Mead", options={"xatol": 1e-6}).x
@@ -293,32 +232,32 @@ def test_the_std_is_that_of_a_dense_likelihood() -> None:
 
 
 @pytest.mark.slow
-def test_a_std_that_was_tuned_is_no_agreement() -> None:
+def test_a_std_that_was_tuned_is_no_agreement():
     model, q = plain_model(), random_poses(4, 15)
     true = pp.Measurement(std=0.1e-3, target=OFF_AXIS, base="free", target_known=False)
-    found = pp.calibrate(model, (q, readings_of(model, q, true, seed=3)), UNKNOWN)
+    found = pp.calibrate(model, (q, readings_of(model, q, true, seed=3)), UNKNOWN, at=["work"])
     assert (found.verdict, found.probability) == ("not tested", None)
     noise = found.noise["std"]
     assert noise.decided_by == "all readings"
-    assert noise.interval[0] < 0.1e-3 < noise.interval[1]
     assert noise.degrees_of_freedom < 45 - 9
+    assert noise.interval[0] < 0.1e-3 < noise.interval[1]
     assert "W_STD_ESTIMATED" in {finding.code for finding in found.findings}
     assert "agree" not in repr(found)
     written = json.loads(found.to_json())
-    assert written["noise"]["std"]["interval"] == list(noise.interval)
-    assert written["improvement"]["verdict"] == "helps"
+    assert (written["noise"]["std"]["interval"], written["improvement"]["verdict"]) == (list(noise.interval), "helps")
     assert (written["probability"], written["measurement"]["std"]) == (None, noise.std)
-    with pytest.raises(pp.InputError, match="std: estimate belongs to the readings"):
-        pp.forecast_calibration(model, q, UNKNOWN)
-    with pytest.raises(pp.InputError, match="columns or units are wrong"):
-        pp.calibrate(model, (q, 1e3 * readings_of(model, q, true)), UNKNOWN)
+    far = (q, 1e3 * readings_of(model, q, true))
+    check_refused(
+        ("std: estimate belongs to the readings", pp.forecast_calibration, model, q, UNKNOWN),
+        ("columns or units are wrong", pp.calibrate, model, far, UNKNOWN),
+    )
 
 
 @pytest.mark.slow
-def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
+def test_repeated_poses_tell_the_instrument_from_the_model():
     """A backlash that the sheet lacks: by repeats the std stays that of the instrument, and the model is found wrong."""
     model = offsets(pp.Normal(1e-3))
-    jumps = JointOffset(joint="joint3", offset=pp.Draw("", pp.Normal(1e-3), Scope.POSE))
+    jumps = pp.sources.JointOffset(joint="joint3", offset=pp.Draw("", pp.Normal(1e-3), pp.Scope.POSE))
     real = offsets(pp.Normal(1e-3), jumps)
     q = np.repeat(random_poses(4, 10), 2, axis=1)
     true = pp.Measurement(std=0.1e-3, target=OFF_AXIS)
@@ -333,38 +272,18 @@ def test_repeated_poses_tell_the_instrument_from_the_model() -> None:
 
 
 @pytest.mark.slow
-def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path: Path) -> None:
+def test_stds_of_the_file_are_relative_where_the_std_is_estimated(tmp_path):
     """An arm that is known: the std at all weights equal is the root mean square of residuals over relative stds."""
     chain, q = paper_model().chain, random_poses(4, 15)
-    model = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="joint1", offset=pp.Normal(1e-9))])
+    model = offsets(pp.Normal(1e-9), joints=["joint1"])
     stds = np.where(np.arange(15) % 3, 0.1, 1.0)  # mm
     noise = np.random.default_rng(3).standard_normal((15, 3)) * stds[:, None] / 1e3
     rows = np.column_stack([q.T, chain.at_columns(q).pose[:3, 3].T + noise, stds])
-    header = ",".join(
-        [*(f"{name} [rad]" for name in chain.joint_names), *(f"{name} [m]" for name in "xyz"), "std [mm]"]
-    )
-    np.savetxt(tmp_path / "data.csv", rows, "%.12g", ",", header=header, comments="")
-    found = pp.calibrate(model, tmp_path / "data.csv", pp.Measurement(std="estimate"))  # type: ignore[arg-type]
+    names = [*(f"{name} [rad]" for name in chain.joint_names), *(f"{name} [m]" for name in "xyz"), "std [mm]"]
+    np.savetxt(tmp_path / "data.csv", rows, "%.12g", ",", header=",".join(names), comments="")
+    found = pp.calibrate(model, tmp_path / "data.csv", pp.Measurement(std="estimate"), at=[q[:, 0]])
     usual = np.sqrt((stds**2).mean())
     expected = np.sqrt(((noise * usual / stds[:, None]) ** 2).mean())
-    assert not found.gross_errors
-    assert found.noise["std"].std == pytest.approx(expected, rel=1e-4)
+    assert (found.gross_errors, found.noise["std"].std) == ((), pytest.approx(expected, rel=1e-4))
     assert json.loads(found.to_json())["data"]["std"] == pytest.approx(stds * expected / usual, rel=1e-4)
     np.testing.assert_allclose(found.std_predicted[:, 0], stds * expected / usual, rtol=1e-3)
-
-
-@pytest.mark.slow
-def test_intervals_of_the_std_cover_it() -> None:
-    """150 linear robots with a free base at 12 poses, on the derivatives of the paper's arm.
-
-    Of 95 % fewer than 134 hold it once in 370 tries, all of them once in 2,000.
-    """
-    by_z, set_up = (part.reshape(36, -1) for part in linear(12))
-    by_z = by_z / 5  # as of a std of 0.1 mm
-    basis, rng, held = np.linalg.svd(set_up, full_matrices=False)[0], np.random.default_rng(0), 0
-    for _ in range(150):
-        y = by_z @ rng.standard_normal(by_z.shape[1]) + rng.standard_normal(36)
-        block = (np.zeros((36, 36)), np.eye(36)[None], np.hstack([by_z, basis, y[:, None]]))
-        low, high = largest_likelihood(Likelihood([block], by_z.shape[1]), 1.5)[1][0]
-        held += low <= 0 <= high
-    assert 134 <= held <= 149
