@@ -18,6 +18,7 @@ from precision_pin.analyses.reliability.estimates import (
     skewed_interval,
     summed,
 )
+from precision_pin.analyses.reliability.figure import figure
 from precision_pin.analyses.reliability.form import DesignPoint, Form, Stratum, form, from_normals, stratified
 from precision_pin.analyses.reliability.importance import importance_sampling, rare_events, subset_simulation
 from precision_pin.analyses.reliability.reliability import reliability
@@ -44,8 +45,9 @@ def test_r6_capacity_minus_load():
     found = form(margin, 4, [np.zeros(4), *(np.eye(4) / 2)])
     assert found.points[0].beta == pytest.approx(1.009255, abs=5e-7)
     assert found.probability == pytest.approx(0.156426, abs=5e-7)
-    # a limit that nearly always fails
+    # a limit that nearly always fails, and half spaces that together are everything
     assert form(lambda u: u[0] - 2, 1, [np.zeros(1)]).points[0].beta == pytest.approx(-2, abs=1e-6)
+    assert Form((DesignPoint(np.zeros(1), 0.0, np.zeros(1)),) * 3, 1).range == (0.5, 1.0)
 
 
 def of_x(model, limit, required, **settings):
@@ -63,12 +65,11 @@ def test_r6_capacity_minus_load_as_an_arm():
     assert (found.failures[0].beta, found.resolved) == (pytest.approx(2.236068, abs=5e-7), True)
     exact = stats.norm.sf(math.sqrt(5)) + stats.norm.sf(3 * math.sqrt(5))
     assert all(e.interval[0] <= exact <= e.interval[1] for e in found.estimates)
-    assert found.disagreements == ()
+    assert (found.disagreements, found.met) == ((), True)
     failure = found.failures[0]
     assert failure.error[0] == pytest.approx(np.diff([*failure.parameters.values()][::-1])[0], abs=1e-12)
     assert abs(failure.error[0]) == pytest.approx(0.1, rel=1e-6)
-    assert list(found.failures[0].importance.values()) == pytest.approx([0.8, 0.2], abs=1e-6)
-    assert found.met
+    assert list(failure.importance.values()) == pytest.approx([0.8, 0.2], abs=1e-6)
 
 
 # --- rare events ---
@@ -133,28 +134,29 @@ def test_nothing_found_is_said():
     found = result.poses[0].specifications[0]
     assert (found.resolved, found.best.method) == (False, "sampling")
     assert found.best.interval == (0.0, pytest.approx(1 - 0.025 ** (1 / 1000), rel=1e-9))
-    assert found.form.points == ()
-    assert found.met  # the interval of the samples is enough for 95 %
+    assert (found.form.points, found.met) == ((), True)  # the interval of the samples is enough for 95 %
     # a verdict that is met comes with no alarm; what it rests on is said
     text = table(result)
     assert "MET - P(failure) below 0.00369 by sampling" in text
     assert "NOT" not in text
     assert "the verdict rests on 0 failures among 1,000 samples alone" in text
 
-    def written(**changed):
+    def other(**changed):
         pose = replace(result.poses[0], specifications=(replace(found, **changed),))
-        return table(replace(result, poses=(pose,)))
+        return replace(result, poses=(pose,))
 
     stricter = Specification("position.x", 2e-3, 0.9999)
     assert not replace(found, specification=stricter).met
-    assert "UNDECIDED - P(failure) not resolved, below 0.00369" in written(specification=stricter)
+    assert "UNDECIDED - P(failure) not resolved, below 0.00369" in table(other(specification=stricter))
     # what methods differ in begins with what it means; 5 % may fail: both intervals lie below it, then one to either side
     given = {"resolved": True, "reason": "", "contradictions": ("one and another disagree",)}
     first = estimate("sampling", 0.010, 0.012)
-    text = written(estimates=(first, estimate("subset simulation", 0.02, 0.03)), best=first, **given)
+    made = other(estimates=(first, estimate("subset simulation", 0.02, 0.03)), best=first, **given)
+    assert figure(made).axes[0].get_xlim()[0] < 0.010  # nothing stands at the edge of the picture
+    text = table(made)
     assert "MET" in text.splitlines()[3]
     assert text.endswith("note: the verdict is the same by every method; one and another disagree")
-    text = written(estimates=(first, estimate("subset simulation", 0.06, 0.07)), best=first, **given)
+    text = table(other(estimates=(first, estimate("subset simulation", 0.06, 0.07)), best=first, **given))
     said = "the verdict differs between the methods; the samples' interval, which is always valid, decides;"
     assert f"note: {said}" in text
 
