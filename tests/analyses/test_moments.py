@@ -77,7 +77,7 @@ def estimates(pose):
     return [pose.mean, pose.covariance, pose.norm_mean, pose.norm_variance]
 
 
-# --- one joint, every moment by hand ---
+# --- one joint, norms too ---
 def one_joint(law, spread):
     """Return mean, covariance, mean and variance of the norms for an angle that is normal(σ) or uniform(±a), by quadrature."""
     x, weights = np.polynomial.legendre.leggauss(80)

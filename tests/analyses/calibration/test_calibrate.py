@@ -1,4 +1,4 @@
-"""The fit against a general solver, planted parameters and faults, intervals in closed form, zeros by another library."""
+"""The fit against a general solver, planted parameters and faults, zeros by another library."""
 
 import json
 from functools import cache

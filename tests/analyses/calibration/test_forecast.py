@@ -1,4 +1,4 @@
-"""The forecast against textbook formulas and complete calibrations, ranks known from the literature, the choice of poses."""
+"""The forecast against textbook formulas and complete calibrations, what one reading leaves, ranks known, the choice of poses."""
 
 import itertools
 import time
