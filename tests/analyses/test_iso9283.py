@@ -148,7 +148,7 @@ def test_no_visits_is_warned_of():
     with pytest.warns(PrecisionPinWarning, match="W_NO_VISITS"):
         found = pp.iso9283(MODEL, [MODEL.configuration()], robots=2)
     assert any("W_NO_VISITS" in line for line in found.warnings)
-    assert (found.poses["P1"].RP.mean, found.AD, found.E) == (0, None, None)
+    assert (found.poses["P1"].RP.mean, found.poses["P1"].RP.std, found.AD, found.E) == (0, 0, None, None)
     assert {"AD", "RD", "E", "vAP", "RP_bidirectional", "drift"} == set(found.absent)
 
 
