@@ -124,7 +124,7 @@ def within(limit, shift, deviation):
 
 
 @pytest.mark.fast(2)
-@pytest.mark.parametrize("seed", [1, 2, 3, 4, 6, 11])
+@pytest.mark.parametrize("seed", [1, 2, 3, 22, 6, 11])
 def test_the_cheapest_choice_and_its_bound_are_those_of_enumeration(tmp_path, seed):
     case = random_case(tmp_path, seed)
     least, result = case.least(), pp.allocate(case.model, case.problem)
@@ -135,8 +135,8 @@ def test_the_cheapest_choice_and_its_bound_are_those_of_enumeration(tmp_path, se
     if result.met:
         assert case.kept(1e3 * result.after)
         assert result.cost * (1 - (result.gap or 0)) <= least * (1 + 1e-9)
-    # of a norm, seeds 6 and up, a choice that keeps the limit by less than the samples show may be missed
-    assert seed >= 6 or result.cost == pytest.approx(least, rel=1e-9)
+    # of a norm, seeds 6 and 11, a choice that keeps the limit by less than the samples show may be missed
+    assert seed in (6, 11) or result.cost == pytest.approx(least, rel=1e-9)
 
 
 @pytest.mark.slow
