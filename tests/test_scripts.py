@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 import re
 import runpy
@@ -16,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
@@ -27,11 +29,16 @@ from precision_pin.robot.urdf.reader import mended
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = ROOT / "scripts"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def text_of(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
 
 
 def readme_commands() -> list[str]:
     """Return the commands of the README's set-up section, one line each."""
-    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Set up")[1].split("\n## ")[0]
+    section = text_of("README.md").split("## Set up")[1].split("\n## ")[0]
     return [line.strip() for line in section.splitlines() if line.startswith("    ")]
 
 
@@ -41,6 +48,10 @@ def readme_commands() -> list[str]:
 def run_script(name: str, *arguments: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", [name, *arguments])
     runpy.run_path(str(SCRIPTS / name), run_name="__main__")
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
 
 
 def test_every_script_has_a_test_and_says_its_question():
@@ -56,10 +67,8 @@ def test_every_script_has_a_test_and_says_its_question():
 def test_paper_case(tmp_path, monkeypatch, capsys):
     run_script("paper_case.py", str(tmp_path / "new" / "figures"), monkeypatch=monkeypatch)
     out = capsys.readouterr().out
-    assert "2,000 samples, seed 0" in out
-    assert "100,000 samples, seed 0" in out
-    written = sorted(path.name for path in (tmp_path / "new" / "figures").iterdir())
-    assert written == ["fig5.png", "fig5.svg", "fig6.png", "fig6.svg"]
+    assert [f"{count} samples, seed 0" in out for count in ("2,000", "100,000")] == [True, True]
+    assert names_in(tmp_path / "new" / "figures") == ["fig5.png", "fig5.svg", "fig6.png", "fig6.svg"]
 
 
 @pytest.mark.slow
@@ -67,28 +76,25 @@ def test_any_arm(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run_script("any_arm.py", monkeypatch=monkeypatch)
     out = capsys.readouterr().out
-    assert re.search(r"^ur5\S*\.urdf: \S+ to tool0, pose \(", out, re.MULTILINE)
-    assert re.search(r"^panda\S*\.urdf: \S+ to panda_hand_tcp, pose \(", out, re.MULTILINE)
+    for name, tip in (("ur5", "tool0"), ("panda", "panda_hand_tcp")):
+        assert re.search(rf"^{name}\S*\.urdf: \S+ to {tip}, pose \(", out, re.MULTILINE)
     assert out.count("spec |d| within 1 mm for 95 %: ") == 2
-    assert list(tmp_path.iterdir()) == []
+    assert names_in(tmp_path) == []
 
 
 @pytest.mark.slow
 def test_the_table_of_robots_has_them_all_with_the_tips_that_are_proposed(monkeypatch, capsys):
     """A row for each robot: its proposed tip and the joints before it, or the error that reading it ends with."""
     run_script("all_robots.py", "quadrotor_base", "TwoDofs", monkeypatch=monkeypatch)
-    table = (ROOT / "docs" / "robots.csv").read_text(encoding="utf-8")
-    printed = capsys.readouterr().out
-    assert printed.count("\n") == 2
-    assert all(line in table.splitlines() for line in printed.splitlines())
-    rows = list(csv.reader(table.splitlines()))[1:]
+    table, printed = text_of("docs/robots.csv").splitlines(), capsys.readouterr().out.splitlines()
+    assert len(printed) == 2
+    assert {*printed} <= {*table}
+    _, *rows = csv.reader(table)
     assert [row[0] for row in rows] == list(example_urdfs())
     for name, tip, joints, _, why_not in rows:
         if not joints:  # opening all meshes takes long, so only these are checked
-            found = [
-                f"{one.code}: {one.message}" for one in findings_of(example_urdfs()[name]) if one.severity == "error"
-            ]
-            assert why_not in found, name
+            errors = [one for one in findings_of(example_urdfs()[name]) if one.severity == "error"]
+            assert why_not in [f"{one.code}: {one.message}" for one in errors], name
         else:
             try:
                 robot = read(example_urdfs()[name])
@@ -103,9 +109,8 @@ def test_the_table_of_robots_has_them_all_with_the_tips_that_are_proposed(monkey
 @pytest.mark.slow
 def test_view_poses(tmp_path, monkeypatch, capsys):
     run_script("view_poses.py", str(tmp_path), monkeypatch=monkeypatch)
-    pages = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
-    assert sorted(pages) == ["view_folded.html", "view_paper.html"]
-    assert all(text.lstrip().lower().startswith("<!doctype html") for text in pages.values())
+    assert names_in(tmp_path) == ["view_folded.html", "view_paper.html"]
+    assert all(path.read_text("utf-8").lstrip().lower().startswith("<!doctype html") for path in tmp_path.iterdir())
     assert capsys.readouterr().out.count("half of the units miss by more than") == 2
 
 
@@ -123,7 +128,7 @@ def test_ur_sheets_says_in_a_line_what_it_wants(tmp_path, monkeypatch, capsys):
         assert (ended.value.code is None) == (told is None)
         assert told is None or (told in str(ended.value) and "\n" not in str(ended.value))
     assert "Usage: python ur_sheets.py FOLDER" in capsys.readouterr().out
-    assert [path.name for path in tmp_path.iterdir()] == ["named"]
+    assert names_in(tmp_path) == ["named"]
 
 
 @pytest.mark.slow
@@ -167,13 +172,12 @@ def test_ur_sheets(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "ur5-6.yaml: the same robot as another file, left out" in out
     assert re.search(r"^UR3e: \d of 3 \(\d+ to \d+ %\), \d+ % of the poses inside$", out, re.MULTILINE)
-    written = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert written == ["ur-left-out.png", "ur10e.urdf", "ur3e.errors.yaml", "ur3e.urdf", "ur5e.urdf"]
+    robots = ["ur10e.urdf", "ur3e.urdf", "ur5e.urdf"]
+    assert names_in(tmp_path / "out") == sorted([*robots, "ur-left-out.png", "ur3e.errors.yaml"])
     text = (tmp_path / "out" / "ur3e.errors.yaml").read_text(encoding="utf-8")
     assert "factory calibrations of 3 UR3e, spread pooled over 6 UR robots" in text
-    own = SCRIPTS.parent / "robots"
-    for name in ("ur3e.urdf", "ur5e.urdf", "ur10e.urdf"):
-        assert (tmp_path / "out" / name).read_text() == (own / name).read_text()
+    for name in robots:
+        assert (tmp_path / "out" / name).read_text() == text_of(f"robots/{name}")
 
 
 # set-up --------------------------------------------------------------------------------------------------------------
@@ -196,46 +200,43 @@ def test_the_continuous_integration_runs_the_readmes_test_command_as_it_stands()
     assert os.access(script, os.X_OK)
     text = script.read_text(encoding="utf-8")
     subprocess.run(["bash", "-n", str(script)], check=True)
-    found = re.search(r"^command_line=\$\((grep .*)\)$", text, re.MULTILINE)
-    assert found is not None
-    taken = subprocess.run(["bash", "-c", found[1]], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    (command,) = re.findall(r"^command_line=\$\((grep .*)\)$", text, re.MULTILINE)
+    taken = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert taken.strip() == readme_commands()[1]
-    assert 'bash -euo pipefail -c "$command_line"' in text
-    for check in ("ruff check", "ruff format --check", "mypy"):
-        assert check in text
+    for words in ('bash -euo pipefail -c "$command_line"', "ruff check", "ruff format --check", "mypy"):
+        assert words in text
 
 
 def test_contributing_names_the_targets_of_the_makefile_and_hooks_fetch_nothing():
-    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
-    named = re.findall(r"`make (\w+)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
-    assert sorted(named) == sorted(targets)
-    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    targets = re.findall(r"^(\w+):", text_of("Makefile"), re.MULTILINE)
+    assert sorted(re.findall(r"`make (\w+)`", text_of("CONTRIBUTING.md"))) == sorted(targets)
+    hooks = text_of(".pre-commit-config.yaml")
     assert re.findall(r"repo: (\S+)", hooks) == ["local"]
     assert set(re.findall(r"language: (\w+)", hooks)) == {"system"}
 
 
 def locked(name: str) -> dict[str, str]:
     """Return the versions of a lock, in which no host is named."""
-    text = (ROOT / name).read_text(encoding="utf-8")
+    text = text_of(name)
     for line in text.splitlines():
         entry = line.strip()
         if entry and not entry.startswith("#"):
             assert re.match(r"[A-Za-z0-9._-]+==\S+( ;.*)?( \\)?$|--hash=sha256:[0-9a-f]{64}( \\)?$", entry), entry
-    return {plain(name): version for name, version in re.findall(r"^([A-Za-z0-9._-]+)==(\S+)", text, re.MULTILINE)}
+    found = re.findall(r"^([A-Za-z0-9._-]+)==(\S+)", text, re.MULTILINE)
+    return {canonicalize_name(name): version for name, version in found}
 
 
-def plain(requirement: str) -> str:
-    """Return the name that a requirement is about, as PyPI normalises it."""
-    return re.sub(r"[-_.]+", "-", re.split(r"[<>=!~\[; ]", requirement)[0].lower())
+def declared() -> dict[str, list[Requirement]]:
+    """Return what the package needs, and under its own name what its extras do."""
+    extras = PROJECT["optional-dependencies"]
+    return {name: [*map(Requirement, listed)] for name, listed in {"": PROJECT["dependencies"], **extras}.items()}
 
 
 def test_the_locks_hold_every_dependency_and_agree():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     run_time, tests = locked("requirements.lock"), locked("requirements-dev.lock")
-    assert {plain(entry) for entry in project["dependencies"]} <= set(run_time)
-    extras = project["optional-dependencies"]
-    wanted = {plain(entry) for extra in ("dev", "xarray") for entry in extras[extra]} - {"precision-pin"}
-    assert wanted <= set(tests)
+    names = {extra: {canonicalize_name(one.name) for one in listed} for extra, listed in declared().items()}
+    assert names[""] <= set(run_time)
+    assert (names["dev"] | names["xarray"]) - {"precision-pin"} <= set(tests)
     assert {name: tests.get(name) for name in run_time} == run_time
 
 
@@ -279,30 +280,21 @@ def test_the_wheel_holds_the_robots_and_every_module(tmp_path):
     assert not any(name.startswith(("tests", "scripts", "docs")) for name in names)
 
 
-ROOT = Path(__file__).parent.parent
-UNBOUNDED = {"types-tqdm"}
-
-
 def test_the_lowest_versions_are_those_of_pyproject() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    listed = [*project["dependencies"], *(one for extra in project["optional-dependencies"].values() for one in extra)]
-    named = {}
-    for requirement in listed:
-        match = re.fullmatch(r"([A-Za-z0-9._-]+)(?:\[.*\])?(?:>=([0-9.]+)(?:,<[0-9]+)?)?", requirement)
-        assert match is not None, requirement
-        if match[1] != project["name"]:
-            named[match[1]] = match[2]
-    assert {name for name, lowest in named.items() if lowest is None} == UNBOUNDED
-    lines = (ROOT / "requirements-lowest.txt").read_text(encoding="utf-8").splitlines()
+    bounds = {}
+    for one in itertools.chain.from_iterable(declared().values()):
+        assert re.fullmatch(r"|>=[0-9.]+|<[0-9]+,>=[0-9.]+", str(one.specifier)), one
+        if one.name != PROJECT["name"]:
+            bounds[canonicalize_name(one.name)] = [end.version for end in one.specifier if end.operator == ">="]
+    assert {name for name, lowest in bounds.items() if not lowest} == {"types-tqdm"}
+    lines = text_of("requirements-lowest.txt").splitlines()
     lowest = dict(line.split("==") for line in lines if not line.startswith("#"))
-    bounds = {canonicalize_name(name): version for name, version in named.items() if version is not None}
-    assert {name: Version(lowest[name]) for name in bounds} == {name: Version(text) for name, text in bounds.items()}
+    assert {name: [Version(lowest[name])] for name, low in bounds.items() if low} == {
+        name: [*map(Version, low)] for name, low in bounds.items() if low
+    }
 
 
 def test_every_python_that_ci_runs_is_named() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    named = {line.rpartition(" ")[2] for line in project["classifiers"] if line.startswith("Programming Language")}
-    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    others = re.search(r"for version in (.+); do", script)
-    assert others is not None
-    assert named == {project["requires-python"].removeprefix(">="), *others[1].split()}
+    named = {line.rpartition(" ")[2] for line in PROJECT["classifiers"] if line.startswith("Programming Language")}
+    others = re.search(r"for version in (.+); do", text_of(".ci/run"))[1]
+    assert named == {PROJECT["requires-python"].removeprefix(">="), *others.split()}
