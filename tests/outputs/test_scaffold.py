@@ -15,29 +15,29 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from ruamel.yaml import YAML
 
-from precision_pin.base.errors import InputError
+import precision_pin as pp
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.export.scaffold import Survey, general_tolerance, quoted, round_125, scaffold
-from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
 from precision_pin.sources import catalogue
+from support.plain_robot import joint, link, robot
 
 # odd robots have findings, which are not what is tested here
 pytestmark = pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 
 ARMS = {"panda": "panda_hand_tcp", "tiago": "arm_tool_link", "ur5": "tool0"}
 PAPER_ARM = PAPER_SHEET.with_name("4dof.urdf")
+Y = (0, 1, 0)
 
 
 @functools.cache
-def chain_of(name: str) -> Chain:
+def chain_of(name: str) -> pp.Chain:
     if name == "paper":
-        return Chain.from_urdf(PAPER_ARM, "tool")
+        return pp.Chain.from_urdf(PAPER_ARM, "tool")
     if not example_urdfs():
         pytest.skip("example-robot-data is not installed")
-    return Chain.from_urdf(resolve_robot(f"example:{name}"), ARMS[name])
+    return pp.Chain.from_urdf(resolve_robot(f"example:{name}"), ARMS[name])
 
 
 @functools.cache
@@ -51,34 +51,18 @@ def written(text: str, folder: Path) -> Path:
     return path
 
 
-def toy(folder: Path, body: str, name: str = "toy.urdf") -> Path:
+def toy(folder: Path, *parts: str, name: str = "toy.urdf") -> Path:
     path = folder / name
-    path.write_text(f'<robot name="toy">{body}</robot>', encoding="utf-8")
+    path.write_text(robot(*parts), encoding="utf-8")
     return path
 
 
-def link(name: str, mass: float = 0.0, com: str = "0 0 0") -> str:
-    if not mass:
-        return f'<link name="{name}"/>'
-    inertia = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
-    return f'<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{mass}"/>{inertia}</inertial></link>'
+def limits(lower: object, upper: object) -> str:
+    return f'<limit lower="{lower}" upper="{upper}" effort="10" velocity="1"/>'
 
 
-def joint(
-    name: str,
-    parent: str,
-    child: str,
-    kind: str = "revolute",
-    axis: str = "0 0 1",
-    origin: str = "0 0 0",
-    limits: str | None = 'lower="-1" upper="1"',
-    extra: str = "",
-) -> str:
-    limit = "" if limits is None else f'<limit {limits} effort="10" velocity="1"/>'
-    return (
-        f'<joint name="{name}" type="{kind}"><origin xyz="{origin}"/><parent link="{parent}"/><child link="{child}"/>'
-        f'<axis xyz="{axis}"/>{limit}{extra}</joint>'
-    )
+def turning(name: str, parent: str, child: str, kind: str = "revolute", extra: str = limits(-1, 1), **place) -> str:
+    return joint(name, kind, parent, child, extra=extra, **place)
 
 
 def active(text: str, kind: str) -> list[str]:
@@ -92,10 +76,9 @@ def test_the_sheet_of_any_arm_runs_unedited_and_with_its_examples(name: str, tmp
     path = written(text, tmp_path)
     # none of the sheet's own; those about links off the chain are summed up
     assert [f for f in read(path).findings if f.code != "W_OFF_CHAIN" and f not in chain.robot.findings] == []
-    model = ErrorModel.load(path)
-    assert (model.chain.base, model.chain.tip) == (chain.base, chain.tip)
-    assert model.chain.joint_names == chain.joint_names
-    assert dict(model.chain.locked) == dict(chain.locked)
+    model = pp.ErrorModel.load(path)
+    for name in ("base", "tip", "joint_names", "locked"):
+        assert getattr(model.chain, name) == getattr(chain, name)
     assert model.chain.gravity.tolist() == chain.gravity.tolist()
     assert list(model.poses) == ["start", "far"]
     singular = np.linalg.svd(model.at("start").posture.joint_jacobian, compute_uv=False)
@@ -112,7 +95,7 @@ def test_the_sheet_of_any_arm_runs_unedited_and_with_its_examples(name: str, tmp
         re.sub(r"^# (parameters:|  set_up:|  tool_mass:)", r"\1", re.sub(r"^(  )# - ", r"\1- ", line)) for line in lines
     ]
     assert sum(a != b for a, b in zip(lines, uncommented, strict=True)) >= 5
-    model = ErrorModel.load(written("\n".join(uncommented), tmp_path))
+    model = pp.ErrorModel.load(written("\n".join(uncommented), tmp_path))
     assert {"payload", "beam"} <= {source.kind() for source in model.sources}
     assert {"set_up", "tool_mass"} <= set(model.space.components)
     assert np.isfinite(model.at().exact(model.space.sample(0, 0, 10))).all()
@@ -135,7 +118,7 @@ def test_the_sheet_names_every_joint_and_link_and_marks_every_source(name: str) 
     assert lines
     assert all("    # assumption" in line for line in lines)
     if name == "paper":
-        assert scaffold(Chain.from_urdf(PAPER_ARM, "tool"), str(PAPER_ARM)) == text
+        assert scaffold(pp.Chain.from_urdf(PAPER_ARM, "tool"), str(PAPER_ARM)) == text
 
 
 def test_every_kind_of_source_and_every_law_is_listed() -> None:
@@ -173,25 +156,24 @@ def test_the_paper_arm_has_its_lengths() -> None:
 
 def test_a_pendulum_winds_up_by_a_fifth_of_a_milliradian(tmp_path: Path) -> None:
     # 2 kg at 0.5 m: 9.81 N·m when level; 2e-4 rad / 9.81 N·m = 2.04e-5 rad/(N·m), rounded 2e-5
-    body = link("base") + link("arm", 2.0, "0.5 0 0") + joint("swing", "base", "arm", axis="0 1 0")
-    path = toy(tmp_path, body)
-    text = scaffold(Chain.from_urdf(path), path.name)
+    path = toy(tmp_path, link("base"), link("arm", 2.0, (0.5, 0, 0)), turning("swing", "base", "arm", axis=Y))
+    text = scaffold(pp.Chain.from_urdf(path), path.name)
     expected = "joint: swing, compliance: {uniform: 4e-6 rad/(N*m), mean: 2e-5 rad/(N*m)}"
     assert [expected in line for line in active(text, "joint_compliance")] == [True]
-    at = ErrorModel.load(written(text, tmp_path)).at({"swing": 0.0})
+    at = pp.ErrorModel.load(written(text, tmp_path)).at({"swing": 0.0})
     # turns down about y; the tip is the joint's own link
     assert_allclose(at.tangent[0], [0, 0, 0, 0, 2e-5 * 9.81, 0], atol=1e-15)
 
 
 def test_a_vertical_slide(tmp_path: Path) -> None:
     # 3 kg: 29.43 N; 2e-5 m / 29.43 N = 6.8e-7 m/N, rounded 5e-7
-    body = link("base") + link("car", 3.0) + joint("lift", "base", "car", "prismatic", limits='lower="0.1" upper="0.5"')
-    path = toy(tmp_path, body)
-    text = scaffold(Chain.from_urdf(path), path.name)
+    lift = turning("lift", "base", "car", "prismatic", limits(0.1, 0.5))
+    path = toy(tmp_path, link("base"), link("car", 3.0), lift)
+    text = scaffold(pp.Chain.from_urdf(path), path.name)
     assert "  - joint_offset: {joint: lift, offset: {normal: 0.05 mm}, assumed: true}" in text
     assert "joint: lift, compliance: {uniform: 1e-7 m/N, mean: 5e-7 m/N}" in text
     assert "strain wave" not in text
-    model = ErrorModel.load(written(text, tmp_path))
+    model = pp.ErrorModel.load(written(text, tmp_path))
     for q in model.poses.values():
         assert 0.1 <= q[0] <= 0.5
     assert_allclose(model.at().tangent[0], [0, 0, -5e-7 * 29.43, 0, 0, 0], atol=1e-18)
@@ -202,65 +184,66 @@ def test_a_vertical_slide(tmp_path: Path) -> None:
 
 def test_a_wrist_is_sized_for_a_tenth_of_the_largest_load(tmp_path: Path) -> None:
     # swing carries 10 kg at 1 m: 98.1 N·m; the wrist's own 0.01 kg at 0.01 m is far below 9.81: 2e-4/9.81 → 2e-5
-    body = link("base") + link("arm", 10.0, "1 0 0") + link("hand", 0.01, "0.01 0 0")
-    body += joint("swing", "base", "arm", axis="0 1 0") + joint("wrist", "arm", "hand", axis="0 1 0", origin="1 0 0")
-    path = toy(tmp_path, body)
-    lines = active(scaffold(Chain.from_urdf(path), path.name), "joint_compliance")
+    links = link("base"), link("arm", 10.0, (1, 0, 0)), link("hand", 0.01, (0.01, 0, 0))
+    wrist = turning("wrist", "arm", "hand", axis=Y, xyz=(1, 0, 0))
+    path = toy(tmp_path, *links, turning("swing", "base", "arm", axis=Y), wrist)
+    lines = active(scaffold(pp.Chain.from_urdf(path), path.name), "joint_compliance")
     assert [re.search(r"mean: (\S+)", line)[1] for line in lines] == ["2e-6", "2e-5"]  # type: ignore[index]
 
 
 def test_joints_that_no_weight_can_move_get_no_compliance(tmp_path: Path) -> None:
     down, unmoved = (0.0, 0.0, -9.81), "  # turn: weight cannot move it in any pose"
     for axis, mass, gravity, said in (
-        ("0 0 1", 5.0, down, unmoved),
-        ("0 1 0", 5.0, (0.0, 0.0, 0.0), unmoved),
-        ("0 1 0", 0.0, down, "no mass beyond it in the URDF"),
+        ((0, 0, 1), 5.0, down, unmoved),
+        (Y, 5.0, (0.0, 0.0, 0.0), unmoved),
+        (Y, 0.0, down, "no mass beyond it in the URDF"),
     ):
-        body = link("base") + link("table", mass, "0.3 0 0") + joint("turn", "base", "table", axis=axis)
-        path = toy(tmp_path, body)
-        text = scaffold(Chain.from_urdf(path, gravity=gravity), path.name)
+        turn = turning("turn", "base", "table", axis=axis)
+        path = toy(tmp_path, link("base"), link("table", mass, (0.3, 0, 0)), turn)
+        text = scaffold(pp.Chain.from_urdf(path, gravity=gravity), path.name)
         assert said in text
         assert not active(text, "joint_compliance")
-        assert ErrorModel.load(written(text, tmp_path)).at().posture.load_torque.tolist() == [0.0]
+        assert pp.ErrorModel.load(written(text, tmp_path)).at().posture.load_torque.tolist() == [0.0]
 
 
 @pytest.mark.slow
 def test_poses_stay_within_odd_limits(tmp_path: Path) -> None:
-    for kind, limits in (
-        ("revolute", 'lower="-6.28" upper="6.28"'),
-        ("revolute", 'lower="0.3" upper="0.3"'),
-        ("revolute", 'lower="0.123456" upper="0.1234561"'),
-        ("revolute", 'lower="-INF" upper="0.5"'),
-        ("revolute", 'lower="4" upper="INF"'),
-        ("prismatic", 'lower="-3" upper="-2.9999"'),
-        ("prismatic", 'lower="-1e300" upper="1e300"'),
+    for kind, *ends in (
+        ("revolute", -6.28, 6.28),
+        ("revolute", 0.3, 0.3),
+        ("revolute", 0.123456, 0.1234561),
+        ("revolute", "-INF", 0.5),
+        ("revolute", 4, "INF"),
+        ("prismatic", -3, -2.9999),
+        ("prismatic", "-1e300", "1e300"),
     ):
-        body = link("base") + link("a", 1.0) + link("b", 1.0, "0.2 0 0")
-        body += joint("first", "base", "a", kind, "0 1 0", limits=limits)
-        body += joint("second", "a", "b", axis="0 1 0", origin="0.3 0 0")
-        path = toy(tmp_path, body)
-        model = ErrorModel.load(written(scaffold(Chain.from_urdf(path), path.name), tmp_path))
+        first = turning("first", "base", "a", kind, limits(*ends), axis=Y)
+        second = turning("second", "a", "b", axis=Y, xyz=(0.3, 0, 0))
+        path = toy(tmp_path, link("base"), link("a", 1.0), link("b", 1.0, (0.2, 0, 0)), first, second)
+        model = pp.ErrorModel.load(written(scaffold(pp.Chain.from_urdf(path), path.name), tmp_path))
         assert list(model.poses) == ["start", "far"]
         for pose in model.poses:
-            assert model.at(pose).findings("exact") == (), limits
+            assert model.at(pose).findings("exact") == (), ends
 
 
 def test_locked_joints_mimics_and_another_base(tmp_path: Path) -> None:
-    body = link("root") + link("a", 1.0) + link("b", 1.0) + link("f1", 0.1) + link("f2", 0.1) + link("f3", 0.1)
-    body += joint("j1", "root", "a", axis="0 1 0", origin="0 0 0.1")
-    body += joint("j2", "a", "b", axis="0 1 0", origin="0.3 0 0")
-    body += joint("grip", "b", "f1", "prismatic", limits='lower="0.01" upper="0.04"', origin="0.2 0 0")
-    follow = '<mimic joint="grip" multiplier="-1" offset="0.002"/>'
-    body += joint("twin", "b", "f2", "prismatic", limits='lower="-0.04" upper="0.04"', extra=follow)
-    body += joint("odd", "b", "f3", "prismatic", limits='lower="-0.04" upper="0.04"', extra=follow)
-    path = toy(tmp_path, body)
-    chain = Chain.from_urdf(path, "root", "b", gravity=(1.5, 0, -9.7), locked={"j2": 0.1, "odd": 1 / 3})
+    follow = limits(-0.04, 0.04) + '<mimic joint="grip" multiplier="-1" offset="0.002"/>'
+    path = toy(
+        tmp_path,
+        *(link(name, 1.0) for name in ("root", "a", "b", "f1", "f2", "f3")),
+        turning("j1", "root", "a", axis=Y, xyz=(0, 0, 0.1)),
+        turning("j2", "a", "b", axis=Y, xyz=(0.3, 0, 0)),
+        turning("grip", "b", "f1", "prismatic", limits(0.01, 0.04), xyz=(0.2, 0, 0)),
+        turning("twin", "b", "f2", "prismatic", follow),
+        turning("odd", "b", "f3", "prismatic", follow),
+    )
+    chain = pp.Chain.from_urdf(path, "root", "b", gravity=(1.5, 0, -9.7), locked={"j2": 0.1, "odd": 1 / 3})
     assert chain.joint_names == ("j1",)
     text = scaffold(chain, path.name)
     assert "They follow others (mimic): twin" in text
     assert "  grip: 0.01 m    # prismatic, 0.01 to 0.04 m" in text
     assert "\nbase: b " in text
-    again = ErrorModel.load(written(text, tmp_path)).chain
+    again = pp.ErrorModel.load(written(text, tmp_path)).chain
     assert dict(again.locked) == dict(chain.locked)
     assert again.joint_names == ("j1",)
     assert again.gravity.tolist() == [1.5, 0, -9.7]
@@ -268,10 +251,10 @@ def test_locked_joints_mimics_and_another_base(tmp_path: Path) -> None:
 
 
 def test_beams_are_named_by_links_of_the_file_with_the_base_beyond_them(tmp_path: Path) -> None:
-    body = link("root", 1.0) + link("a", 1.0) + link("b", 1.0) + link("tool")
-    body += joint("j1", "root", "a", origin="0.2 0 0") + joint("j2", "a", "b", origin="0.3 0 0")
-    body += joint("j3", "b", "tool", origin="0.4 0 0")
-    text = scaffold(Chain.from_urdf(toy(tmp_path, body), "root", "tool"), "toy.urdf")
+    pairs = (("root", "a"), ("a", "b"), ("b", "tool"))
+    joints = [turning(f"j{k}", *pair, xyz=(0.2, 0, 0)) for k, pair in enumerate(pairs)]
+    path = toy(tmp_path, *(link(name, 1.0) for name in ("root", "a", "b")), link("tool"), *joints)
+    text = scaffold(pp.Chain.from_urdf(path, "root", "tool"), "toy.urdf")
     assert re.findall(r"# - beam: {link: (\w+),", text) == ["b", "a", "root"]
 
 
@@ -286,8 +269,8 @@ def test_a_pose_of_ones_own(tmp_path: Path) -> None:
     chain = chain_of("paper")
     values = [0.1, -1 / 3, 1e-7, -2.0]
     text = scaffold(chain, str(PAPER_ARM), pose=values)
-    assert ErrorModel.load(written(text, tmp_path)).poses["start"].tolist() == values
-    with pytest.raises(InputError, match="3 joint values for 4 joints"):
+    assert pp.ErrorModel.load(written(text, tmp_path)).poses["start"].tolist() == values
+    with pytest.raises(pp.InputError, match="3 joint values for 4 joints"):
         scaffold(chain, "arm.urdf", pose=values[:3])
 
 
@@ -296,13 +279,13 @@ def test_a_pose_of_ones_own(tmp_path: Path) -> None:
     "name", ["a: b", "# c", "on", "12", "手首", "it's", "&quot;x&quot;", "example:r", "back\\slash"]
 )
 def test_odd_names_survive(name: str, tmp_path: Path) -> None:
-    body = link("base") + link(f"{name}1", 1.0, "0.1 0 0") + link(name, 1.0, "0.1 0 0") + link(f"{name}3")
-    body += joint(name, "base", f"{name}1", axis="0 1 0")
-    body += joint(f"{name}2", f"{name}1", name, "prismatic", origin="0.2 0 0")
-    body += joint(f"{name}3", name, f"{name}3", origin="0.2 0 0")
-    path = toy(tmp_path, body, "an arm #1: it's.urdf")
-    chain = Chain.from_urdf(path, chain_tip := name.replace("&quot;", '"'))
-    model = ErrorModel.load(written(scaffold(chain, path.name), tmp_path))
+    links = link("base"), link(f"{name}1", 1.0, (0.1, 0, 0)), link(name, 1.0, (0.1, 0, 0)), link(f"{name}3")
+    first = turning(name, "base", f"{name}1", axis=Y)
+    slide = turning(f"{name}2", f"{name}1", name, "prismatic", xyz=(0.2, 0, 0))
+    last = turning(f"{name}3", name, f"{name}3", xyz=(0.2, 0, 0))
+    path = toy(tmp_path, *links, first, slide, last, name="an arm #1: it's.urdf")
+    chain = pp.Chain.from_urdf(path, chain_tip := name.replace("&quot;", '"'))
+    model = pp.ErrorModel.load(written(scaffold(chain, path.name), tmp_path))
     assert (model.chain.tip, model.chain.joint_names) == (chain_tip, chain.joint_names)
     assert dict(model.chain.locked) == dict(chain.locked)
     assert np.isfinite(model.at().exact(model.space.sample(0, 0, 5))).all()
