@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-import re
-import shutil
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,7 @@ import pinocchio as pin
 
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.cli.program import list_commands
-from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read as read_sheet
 from support.plain_robot import joint, link, robot
 
@@ -54,43 +51,8 @@ SCARA = _urdf(
 )
 
 
-@dataclass(frozen=True)
-class Arm:
-    """An arm, and what its user types to begin."""
-
-    name: str
-    given: str
-    tip: str
-
-    @property
-    def sheet(self) -> str:
-        """Name of the sheet that ``init`` writes."""
-        return f"{self.name}.errors.yaml"
-
-    def bring(self, folder: Path) -> bool:
-        """Put the robot's file into the folder; False where the robot is not installed."""
-        if self.given.startswith("example:"):
-            return self.name in example_urdfs()
-        if self.name == "4dof":
-            shutil.copy(PAPER_SHEET.with_name("4dof.urdf"), folder)
-        else:
-            (folder / self.given).write_text({"gantry": GANTRY, "scara": SCARA}[self.name])
-        return True
-
-    def urdf(self, folder: Path) -> Path:
-        """Return the robot's file."""
-        return Path(example_urdfs()[self.name]) if self.given.startswith("example:") else folder / self.given
-
-
-ARMS = {
-    arm.name: arm
-    for arm in (
-        Arm("4dof", "4dof.urdf", "tool"),
-        Arm("panda", "example:panda", "panda_hand_tcp"),
-        Arm("gantry", "gantry.urdf", "tool"),
-        Arm("scara", "scara.urdf", "tool"),
-    )
-}
+ARMS = {"4dof": PAPER_SHEET.with_name("4dof.urdf").read_text(), "gantry": GANTRY, "scara": SCARA}
+"""URDFs, each of which a journey or test_pairs takes; all of them end in ``tool``."""
 
 
 SLIDES = {"x_axis", "y_axis", "z_axis", "quill"}
@@ -107,10 +69,10 @@ def text_of(q: dict[str, float]) -> str:
 class Pinocchio:
     """A URDF as Pinocchio reads it, by itself."""
 
-    def __init__(self, file: Path, tip: str) -> None:
+    def __init__(self, file: Path) -> None:
         self.model = pin.buildModelFromUrdf(str(file))
         self.data = self.model.createData()
-        self.frame = self.model.getFrameId(tip)
+        self.frame = self.model.getFrameId("tool")
 
     def pose(self, q: dict[str, float]) -> pin.SE3:
         """Return the tip at joint values, rad and m; other joints at their neutral ones."""
@@ -130,31 +92,17 @@ class Pinocchio:
 SI = {"deg": np.pi / 180, "rad": 1.0, "mm": 1e-3, "m": 1.0, "mrad": 1e-3}
 
 
-def _plain(cell: str) -> float | str:
-    try:
-        return float(cell)
-    except ValueError:
-        return cell
-
-
-def rows_of(file: Path) -> list[dict[str, float | str]]:
-    """Return the rows of a CSV file by the names of its columns, SI (without a unit as they are); comments are left out."""
+def rows_of(file: Path) -> list[dict[str, float]]:
+    """Return the rows of a CSV file by the names of those columns that have units, SI; comments are left out."""
     lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
-    heads, *rows = csv.reader(lines)
-    found = []
-    for row in rows:
-        one: dict[str, float | str] = {}
-        for head, cell in zip(heads, row, strict=True):
-            name, _, unit = head.partition(" [")
-            one[name] = float(cell) * SI[unit.rstrip("]")] if unit else _plain(cell)
-        found.append(one)
-    return found
+    return [
+        {name[:-1]: float(cell) * SI[unit] for name, _, unit, cell in cells(row) if unit}
+        for row in csv.DictReader(lines)
+    ]
 
 
-_NUMBER = re.compile(r"[\d.]+(e-?\d+)?")
-
-
-_LAWS = ("uniform", "normal")
+def cells(row: dict[str, str]) -> list[tuple[str, str, str, str]]:
+    return [(*head.rstrip("]").partition("["), cell) for head, cell in row.items()]
 
 
 _KINDS = ("frame", "length", "joint_offset", "axis_install", "mounting")
@@ -168,32 +116,18 @@ class Tolerance:
 
     def __init__(self, path: str, value: Any) -> None:
         self.path, self.value, self.share = path, value, 0.0
-
-    @property
-    def text(self) -> str:
-        """The width as written."""
-        law = self.value
-        if isinstance(law, dict):
-            law = next(law[key] for key in _LAWS if key in law)
-        return str(law["std"] if isinstance(law, dict) else law)
-
-    @property
-    def number_path(self) -> str:
-        """Path of the width itself, within its law."""
-        law, path = self.value, self.path
-        while isinstance(law, dict):
-            key = next(key for key in (*_LAWS, "std") if key in law)
-            law, path = law[key], f"{path}.{key}"
-        return path
-
-    @property
-    def quantity(self) -> str:
-        """``mm`` or ``mrad``."""
-        return "mm" if self.text.split()[-1] in ("mm", "um", "m") else "mrad"
+        # the width itself, within its law
+        self.number_path, width = path, value
+        while isinstance(width, dict):
+            key = next(key for key in ("uniform", "normal", "std") if key in width)
+            self.number_path, width = f"{self.number_path}.{key}", width[key]
+        self.text = str(width)
+        self.quantity = "mm" if self.text.split()[-1] in ("mm", "um", "m") else "mrad"
 
     def times(self, factor: float) -> str:
         """Return the value with another width, for ``--set``."""
-        new = _NUMBER.sub(lambda found: f"{float(found[0]) * factor:.9g}", self.text, count=1)
+        number, unit = self.text.split()
+        new = f"{float(number) * factor:.9g} {unit}"
         return f"{self.path}=" + json.dumps(self.value, default=str).replace(self.text, new)
 
 

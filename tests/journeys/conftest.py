@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from cli.conftest import Outcome, undrawn_figures  # noqa: F401  (a fixture for all of these tests)
-from journeys.arms import ARMS, Arm
+from journeys.arms import ARMS
 from precision_pin.cli import main
 
 
@@ -36,12 +36,11 @@ class Desk:
         """Run a command for its JSON."""
         return self.run(*arguments, "--json", "-", code=code).json
 
-    def begin(self, arm: Arm) -> str:
+    def begin(self, arm: str) -> str:
         """Bring an arm and let ``init`` write its sheet; return its name."""
-        if not arm.bring(self.folder):
-            pytest.skip(f"{arm.given} is not installed")
-        self.run("init", arm.given, "--tip", arm.tip)
-        return arm.sheet
+        (self.folder / f"{arm}.urdf").write_text(ARMS[arm])
+        self.run("init", f"{arm}.urdf", "--tip", "tool")
+        return f"{arm}.errors.yaml"
 
     def edit(self, sheet: str, *lines: str) -> None:
         """Add lines at the end of a sheet: sources, then keys of their own."""
@@ -54,9 +53,3 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
     """Return an empty folder with a command line."""
     monkeypatch.chdir(tmp_path)
     return Desk(tmp_path)
-
-
-@pytest.fixture
-def arm(request: pytest.FixtureRequest) -> Arm:
-    """Return the arm of a name; each journey takes one of them, and each arm a journey or test_pairs."""
-    return ARMS[request.param]

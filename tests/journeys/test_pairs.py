@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import pytest
 
-from journeys.arms import ARMS, READERS, codes
+from journeys.arms import READERS, codes
 from journeys.conftest import Desk
 from precision_pin.cli.program import cli, list_commands
 from precision_pin.render.text_table import width
@@ -18,22 +18,19 @@ from precision_pin.render.text_table import width
 OUTPUT = "Output and messages"
 
 
-ARM = ARMS["scara"]
+SHEET = "scara.errors.yaml"
 
 
-SHEET = ARM.sheet
-
-
-ALLOCATE = """allocate:
+MORE_LINES = """\
+  - joint_offset: {joint: wrist, offset: {uniform: 0.01 mrad, scope: pose}}
+allocate:
   specs: [0.7 mm @ 95 %]
   poses: [start]
   tolerances:
     - {path: 'axis_install[shoulder].radius', cost: {reciprocal: 1 mm}}
     - {path: 'length[elbow].parameters.uniform', cost: {reciprocal: 1 mm}}
+measurement: {kind: position, std: 0.02 mm, target: 50 30 20 mm}
 """
-
-
-MEASURED = "measurement: {kind: position, std: 0.02 mm, target: 50 30 20 mm}"
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +40,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
         folder = tmp_path_factory.mktemp("pairs")
         patch.chdir(folder)
         desk = Desk(folder)
-        desk.begin(ARM)
-        desk.edit(SHEET, *ALLOCATE.splitlines(), MEASURED)
+        desk.begin("scara")
+        desk.edit(SHEET, MORE_LINES)
         desk.run("allocate", SHEET, "--out", "chosen")
         desk.run("calibrate", SHEET, "--plan", 6, "--random", 12, "--csv", "visited.csv")
         desk.run("calibrate", SHEET, "--plan", 2, "--random", 4, "--csv", "plan.csv")
@@ -56,10 +53,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
         desk.run("calibrate", SHEET, "--population", *robots, "--sheet", "shop.errors.yaml")
         desk.run("simulate", SHEET, "--all-poses", "--cycles", 3, "--out", "cycles.csv")
         desk.run("export", SHEET, "--out", "robots")
-        for name, robot in (("mine", "mine.urdf"), ("built", "robots/scara.unit0000.urdf")):
-            Path(f"of_{name}.errors.yaml").write_text(
-                Path(SHEET).read_text().replace("robot: scara.urdf", f"robot: {robot}")
-            )
+        for name, robot in (("mine", "mine.urdf"), ("built", ROBOTS["export"])):
+            sheet = Path(SHEET).read_text().replace("robot: scara.urdf", f"robot: {robot}")
+            Path(f"of_{name}.errors.yaml").write_text(sheet)
         desk.run("compensate", SHEET, "--trajectory", "plan.csv", "--csv", "corrected.csv", code=(0, 1))
         for name in PATHS.values():
             lines = Path(name).read_text().splitlines(keepends=True)
@@ -217,7 +213,6 @@ def test_a_screen_of_24_rows_shows_what_a_command_says(written, monkeypatch, com
 
 
 OTHERS = [
-    ("calibrate", SHEET, "--population", "readings0.csv", "readings1.csv"),
     ("analyze", SHEET, "--samples", "200", "--set", "calibrated=mine.calibration.json"),
     ("calibrate", "mine.errors.yaml", "readings1.csv", "--sheet", "again.errors.yaml"),
     ("compare", SHEET, "of_mine.errors.yaml", "of_built.errors.yaml", "--samples", "200"),
