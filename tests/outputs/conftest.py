@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from cli.conftest import run  # noqa: F401  (a fixture)
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 
@@ -27,6 +28,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def context(browser: Any) -> Iterator[Any]:
+    before = set(browser.pages)
     yield browser
-    for page in browser.pages:
+    for page in set(browser.pages) - before:
         page.close()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import pytest
@@ -19,6 +20,7 @@ from precision_pin.pages.report.page import page
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 from precision_pin.statistics.plan import specification
+from support.plain_robot import joint, link, robot
 
 SAMPLES = 3_000
 SCRIPT, SVG, MATHS, BRACE, HAN = (
@@ -70,23 +72,19 @@ def paper() -> tuple[Results, str]:
 def write_hostile(folder: Path) -> Path:
     """Write an arm and a sheet whose every name is an attack or a trap, and return the sheet."""
 
-    def joint(name: str, kind: str, parent: str, child: str, axis: str) -> str:
-        return (
-            f'<joint name={quoteattr(name)} type="{kind}"><origin xyz="0.4 0 0.2"/><parent link={quoteattr(parent)}/>'
-            f'<child link={quoteattr(child)}/><axis xyz="{axis}"/>'
-            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
-        )
-
     def quoted(text: str) -> str:
         return "'" + text.replace("'", "''") + "'"
 
-    links = "".join(f"<link name={quoteattr(name)}/>" for name in (SVG, MATHS, BRACE, SCRIPT))
-    joints = (
-        joint(SVG, "revolute", SVG, MATHS, "0 0 1")
-        + joint(BRACE, "revolute", MATHS, BRACE, "0 1 0")
-        + joint(HAN, "prismatic", BRACE, SCRIPT, "1 0 0")
+    written = {name: quoteattr(name)[1:-1].replace('"', "&quot;") for name in (SVG, MATHS, BRACE, SCRIPT, HAN)}
+    svg, maths, brace, script, han = written.values()
+    there = {"xyz": (0.4, 0, 0.2), "extra": '<limit lower="-3" upper="3" effort="1" velocity="1"/>'}
+    arm = robot(
+        *map(link, (svg, maths, brace, script)),
+        joint(svg, "revolute", svg, maths, **there),
+        joint(brace, "revolute", maths, brace, axis=(0, 1, 0), **there),
+        joint(han, "prismatic", brace, script, axis=(1, 0, 0), **there),
     )
-    (folder / "hostile.urdf").write_text(f"<robot name={quoteattr(SCRIPT)}>{links}{joints}</robot>", "utf-8")
+    (folder / "hostile.urdf").write_text(arm.replace('name="arm"', f'name="{script}"'), "utf-8")
     sheet = folder / "hostile.yaml"
     sheet.write_text(
         f"""precision-pin: 1
@@ -104,13 +102,9 @@ sources:
     return sheet
 
 
-@dataclass
-class Tag:
-    """A start tag."""
-
+class Tag(NamedTuple):
     name: str
     attributes: dict[str, str]
-    section: str
 
 
 @dataclass
@@ -118,7 +112,6 @@ class Table:
     """A table: its caption, its rows of cells, and the tags of the cells' headings."""
 
     caption: str = ""
-    section: str = ""
     rows: list[list[str]] = field(default_factory=list)
     scopes: list[str | None] = field(default_factory=list)
 
@@ -131,7 +124,7 @@ class Table:
 
 
 class Reader(HTMLParser):
-    """Tags, tables, headings and text of a page; what stands in the frame stays an attribute."""
+    """Tags, scripts, tables, headings and text of a page; what stands in the frame stays an attribute."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -139,20 +132,18 @@ class Reader(HTMLParser):
         self.tables: list[Table] = []
         self.headings: list[tuple[int, str]] = []
         self.words: list[str] = []
-        self._section = ""
+        self.scripts: list[tuple[dict[str, str], str]] = []
         self._open: list[str] = []
         self.feed(text)
         assert self._open == []
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         given = {key: value or "" for key, value in attributes}
-        if tag == "section":
-            self._section = given["id"]
-        self.tags.append(Tag(tag, given, self._section))
+        self.tags.append(Tag(tag, given))
         if tag not in VOID:
             self._open.append(tag)
         if tag == "table":
-            self.tables.append(Table(section=self._section))
+            self.tables.append(Table())
         elif tag == "tr":
             self.tables[-1].rows.append([])
         elif tag in ("td", "th"):
@@ -168,7 +159,8 @@ class Reader(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         inside = set(self._open)
-        if "style" in inside:
+        if inside & {"style", "script"}:
+            self.scripts += [(self.tags[-1].attributes, data)] if "script" in inside else []
             return
         self.words.append(data)
         if "caption" in inside:

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
-from outputs.view_cases import Node, arm_text, data_block, nodes_of, opened, page_at
+from outputs.view_cases import arm_text, data_block, nodes_of, opened, page_at, pose_model
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.figure import (
     MOST_DRAWN,
@@ -29,8 +29,6 @@ from precision_pin.analyses.path.figure import PathLayer
 from precision_pin.base import se3
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.draws.laws import Fixed
-from precision_pin.draws.space import Space
-from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sources import JointOffset
@@ -70,8 +68,8 @@ def calibration_page(layer: CalibrationLayer) -> str:
     return page_at(layer.result.original, "home", layers=[layer])
 
 
-def legend_of(text: str) -> str:
-    return text.partition('aria-label="Calibration"')[2].partition("</section>")[0]
+def legend_of(text: str, layer: str) -> str:
+    return text.partition(f'aria-label="{layer}"')[2].partition("</section>")[0]
 
 
 # the lines ---------------------------------------------------------------------------------------
@@ -162,19 +160,16 @@ def test_a_residual_is_drawn_along_the_direction_that_is_measured(measurement):
 def test_the_legend_says_the_answer_and_lists_the_worst_readings(calibrated):
     _, result, layer = calibrated
     text = calibration_page(layer)
-    legend = legend_of(text)
+    legend = legend_of(text, "Calibration")
     assert "The model explains the readings" in legend
     before, after = (f"{1e3 * result.rms(when):.3g} mm" for when in ("before", "after"))
     assert f"Residuals: {before} rms before, {after} after" in legend
-    buttons = re.findall(
-        r'data-reading="(\d+)" aria-pressed="(\w+)">row (\d+): (\S+) mm, (\S+) std(.*?)</button>', legend
-    )
-    assert [int(one[0]) for one in buttons] == list(range(8))
-    assert [one[1] for one in buttons] == ["true", *["false"] * 7]
-    assert int(buttons[0][2]) == ROW
-    assert [one[5] for one in buttons] == [", no weight", *[""] * 7]
-    sizes = [float(one[3]) for one in buttons]
-    assert sizes == sorted(sizes, reverse=True)
+    buttons = r'data-reading="(\d+)" aria-pressed="(\w+)">row (\d+): (\S+) mm, \S+ std(.*?)</button>'
+    order, pressed, rows, sizes, said = zip(*re.findall(buttons, legend), strict=True)
+    assert [*map(int, order)] == [*range(8)]
+    assert (pressed, said) == (("true", *["false"] * 7), (", no weight", *[""] * 7))
+    assert int(rows[0]) == ROW
+    assert sorted(sizes, key=float, reverse=True) == [*sizes]
     assert "all 14 readings" in legend
     numbers = data_block(text, "settings")["layers"]["calibration"]
     assert len(numbers["points"]) == len(numbers["after"]) == len(numbers["before"]) == 3 * 14
@@ -190,16 +185,9 @@ def test_many_readings_are_few_lines(calibrated):
     residuals = result.residuals[chosen] * scale
     lines, none = tuple(range(1, count + 1)), np.zeros(0)
     data = CalibrationData(few.q[:, chosen], few.readings[chosen], none, none, "", lines, few.measurements, ("",))
-    many = replace(
-        result,
-        data=data,
-        residuals=residuals,
-        residuals_before=residuals,
-        left_out=residuals,
-        gross_errors=(),
-        set_ups=(replace(result.set_up, base=None),),
-    )
-    layer = CalibrationLayer.of(many)
+    all_residuals = dict.fromkeys(("residuals", "residuals_before", "left_out"), residuals)
+    set_up = replace(result.set_up, base=None)
+    layer = CalibrationLayer.of(replace(result, data=data, gross_errors=(), set_ups=(set_up,), **all_residuals))
     found = layer.settings(1.0)
     assert len(found["rows"]) == MOST_DRAWN
     assert set(found["rows"]) == set(np.argsort(-np.linalg.norm(residuals, axis=1))[:MOST_DRAWN] + 1)
@@ -235,11 +223,10 @@ def test_the_section_has_the_numbers_of_the_json(calibrated):
     (gross,) = found["gross_errors"]
     assert f"row {gross['line']}, {1e3 * gross['size']:.3g} mm or {gross['deviations']:.3g} standard deviations" in text
     before, after, floor = (
-        np.sqrt(np.mean([one[which]["rms_position"] ** 2 for one in found["poses"]]))
+        1e3 * np.sqrt(np.mean([one[which]["rms_position"] ** 2 for one in found["poses"]]))
         for which in ("before", "after", "floor")
     )
-    said = f"2 poses: rms {1e3 * before:.3g} mm before, {1e3 * after:.3g} mm after; floor {1e3 * floor:.3g} mm"
-    assert said in text
+    assert f"2 poses: rms {before:.3g} mm before, {after:.3g} mm after; floor {floor:.3g} mm" in text
     for one in found["poses"]:
         cells = [one[which][f"{what}_position"] for which in ("before", "after") for what in ("rms", "quantile")]
         assert re.search(r"\s+".join([one["name"], *(re.escape(f"{1e3 * cell:.3g}") for cell in cells)]), text)
@@ -302,54 +289,6 @@ def test_a_result_is_fitted_again_from_its_file(calibrated):
     assert found["readings"] == len(found["data"]["readings"]) == 14
 
 
-# the browser -------------------------------------------------------------------------------------
-
-STATE = """() => {
-  const layer = precisionPin.viewer.scene_tree.find(["meshcat", "calibration"]).object;
-  const balls = layer.children.filter((one) => one.isMesh && one.geometry.type === "SphereGeometry");
-  const mark = layer.children.find((one) => one.userData.row !== undefined);
-  return {
-    balls: balls.map((one) => one.position.toArray()), seen: balls.map((one) => one.visible),
-    row: mark.userData.row, at: mark.position.toArray(), parts: mark.children.length,
-    thin: layer.children.find((one) => one.isLineSegments).visible, shown: layer.visible,
-  };
-}"""
-
-
-@needs_chromium
-def test_a_press_marks_a_reading(calibrated, context, tmp_path):
-    _, _, layer = calibrated
-    text = calibration_page(layer)
-    visit = opened(context, tmp_path, text)
-    page = visit.page
-    start = page.evaluate(STATE)
-    own = data_block(text, "settings")["layers"]["calibration"]
-    points, after = (np.reshape(own[name], (-1, 3)) for name in ("points", "after"))
-    times = float(page.inner_text("#calibration-times").replace(",", ""))
-    assert times == own["times"]
-    drawn = times * after
-    is_whole = np.linalg.norm(drawn, axis=1) <= own["longest"]
-    assert_allclose(np.array(start["balls"])[is_whole], (points + drawn)[is_whole], atol=1e-5)
-    assert start["seen"] == is_whole.tolist()
-    assert not is_whole[0]
-    assert start["row"] == ROW
-    assert_allclose(start["at"], points[0], atol=1e-6)
-    # by the keyboard
-    page.locator('[data-reading="3"]').focus()
-    page.keyboard.press("Enter")
-    then = page.evaluate(STATE)
-    assert (then["row"], then["parts"]) == (own["rows"][3], 2)
-    assert_allclose(then["at"], points[3], atol=1e-6)
-    pressed = page.eval_on_selector_all("[data-reading]", "all => all.map((one) => one.ariaPressed)")
-    assert pressed == ["true" if k == 3 else "false" for k in range(8)]
-    assert (start["thin"], start["shown"]) == (True, True)
-    page.uncheck("#calibration-before")
-    page.uncheck("#show-calibration")
-    last = page.evaluate(STATE)
-    assert (last["thin"], last["shown"]) == (False, False)
-    assert complaints(visit) == []
-
-
 @pytest.fixture(scope="module")
 def compensated(model):
     """Return the model, the compensation of three poses of the paper's arm, and its layer."""
@@ -358,10 +297,10 @@ def compensated(model):
     return model, made, CompensationLayer.of(made, model)
 
 
-def test_the_tips_are_those_of_the_exact_model(compensated):
+def test_the_tips_are_those_of_the_exact_model_and_the_page_says_what_it_draws(compensated):
     model, made, layer = compensated
-    pose = layer.worst
-    assert pose == np.linalg.norm(made.correction.before[:3], axis=0).argmax()
+    pose, before = layer.worst, np.linalg.norm(made.correction.before[:3], axis=0)
+    assert pose == before.argmax()
     deflected, commanded, corrected = layer.arms[:, :, -1]
     mean = model.space.mean[:, None]
     assert_allclose(deflected, model.at(made.poses.q[:, pose]).exact(mean)[:3, 0], atol=1e-9)
@@ -369,29 +308,19 @@ def test_the_tips_are_those_of_the_exact_model(compensated):
     at = model.at(made.corrected[:, pose])
     assert_allclose(commanded, at.posture.pose[:3, 3] - made.poses.position[:, pose], atol=1e-12)
     assert_allclose(commanded, -at.exact(mean)[:3, 0], atol=1e-9)
+    text = page_at(model, layers=[layer])
+    assert f"from {1e3 * before.max():.4g} mm at worst" in legend_of(text, "Compensation")
+    lines = data_block(text, "settings")["layers"]["compensation"]["lines"]
+    assert len(lines) == 6
+    assert all(len(line["points"]) == len(line["moves"]) for line in lines)
+    assert any(path.endswith("/compensation/wanted") for path in nodes_of(text))
 
 
 def test_a_displaced_joint_stays_at_the_end_of_its_displaced_link(tmp_path):
     """A turn by 0.01 rad of the first joint turns every point behind it about that joint's axis."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(arm_text(), "utf-8")
-    model = pp.ErrorModel(Chain.from_urdf(path, tip="tool"), Space(), [JointOffset(joint="turn", offset=Fixed(0.01))])
-    at = model.at([0.4, -0.7])
+    at = pose_model(tmp_path, arm_text(), JointOffset(joint="turn", offset=Fixed(0.01)))
     expected = se3.rotation_about((0, 0, 1), 0.01) @ _joints(at.posture)
     assert_allclose(_displaced(at), expected, atol=1e-12)
-
-
-def test_the_page_says_what_it_draws(compensated):
-    model, made, layer = compensated
-    text = page_at(model, layers=[layer])
-    legend = text.partition('aria-label="Compensation"')[2].partition("</section>")[0]
-    before = 1e3 * np.linalg.norm(made.correction.before[:3], axis=0).max()
-    assert f"from {before:.4g} mm at worst" in legend
-    numbers = data_block(text, "settings")["layers"]["compensation"]
-    assert len(numbers["lines"]) == 6
-    for line in numbers["lines"]:
-        assert len(line["points"]) == len(line["moves"])
-    assert any(path.endswith("/compensation/wanted") for path in nodes_of(text))
 
 
 def test_a_pose_without_a_correction_is_said(compensated):
@@ -402,7 +331,6 @@ def test_a_pose_without_a_correction_is_said(compensated):
     assert made.correction.status == ("limit",)
     chapter = compensation_chapter(made, model)
     assert chapter.answers == ("Compensation: no pose has a correction: limit",)
-    assert chapter.layer is not None
     assert chapter.layer.settings(1.0)["lines"] == []
 
 
@@ -428,37 +356,32 @@ def mapped():
     return found, page_at(model, layers=[PlacesData.of(found)]), page_at(model)
 
 
-def centres(node: Node) -> np.ndarray:
-    """Return the middles of the marks of a surface, six corners each, ``(M, 3)``."""
-    corners = node.object["geometries"][0]["data"]["attributes"]["position"]["array"]
-    return np.frombuffer(corners.data, "<f4").reshape(-1, 6, 3).mean(axis=1)
-
-
-def test_every_place_has_a_mark_coloured_by_its_worst_pose(mapped):
-    found, text, _ = mapped
-    marks = {path.rpartition("/")[2]: node for path, node in nodes_of(text).items() if "/map/" in path}
-    size = found.quantile[1, 0]
-    of_place = {"first": max(size[:2]), "second": size[2]}
-    assert set(marks) == {"level0", "level16", "unreached"}
-    worst = 0 if of_place["first"] > of_place["second"] else 2
-    places = found.poses.position.T
-    assert_allclose(centres(marks["level16"]), places[[worst]], atol=1e-6)
-    assert_allclose(centres(marks["level0"]), places[[2 - worst]], atol=1e-6)
-    assert_allclose(centres(marks["unreached"]), [AWAY], atol=1e-6)
-    # light for small, dark for large, as the bar says
-    light, dark = (marks[name].object["materials"][0]["color"] for name in ("level0", "level16"))
-    assert sum(light.to_bytes(3)) > sum(dark.to_bytes(3))
-
-
-def test_the_legend_counts_the_places_and_states_the_ends_of_the_scale(mapped):
+def test_every_place_has_a_mark_coloured_by_its_worst_pose_as_the_legend_says(mapped):
     found, text, without = mapped
+    marks = {path.rpartition("/")[2]: node.object for path, node in nodes_of(text).items() if "/map/" in path}
+    # six corners of a surface each
+    centres = {name: positions(mark).reshape(-1, 6, 3).mean(axis=1) for name, mark in marks.items()}
+    size = found.quantile[1, 0]
+    of_place = max(size[:2]), size[2]
+    worst = 0 if of_place[0] > of_place[1] else 2
+    places = found.poses.position.T
+    expected = {"level16": places[[worst]], "level0": places[[2 - worst]], "unreached": [AWAY]}
+    assert centres.keys() == expected.keys()
+    for name, where in expected.items():
+        assert_allclose(centres[name], where, atol=1e-6, err_msg=name)
+    # light for small, dark for large, as the bar says
+    light, dark = (marks[name]["materials"][0]["color"] for name in ("level0", "level16"))
+    assert sum(light.to_bytes(3)) > sum(dark.to_bytes(3))
     assert "2 places, coloured by the worst pose at each; grey: 1 place that is not reached" in text
     ticks = text.partition('aria-label="Map"')[2].partition("</p>")[0]
-    sizes = 1e3 * np.array([max(found.quantile[1, 0, :2]), found.quantile[1, 0, 2]])
     shown = [float(tick.partition("<")[0]) for tick in ticks.split("<span>")[1:]]
-    assert_allclose([shown[0], shown[-1]], sorted(sizes), atol=0.5)  # written in whole mm
+    assert_allclose([shown[0], shown[-1]], sorted(1e3 * np.array(of_place)), atol=0.5)  # written in whole mm
     assert "show-map" not in without
     assert (data_block(text, "settings")["layers"], data_block(without, "settings")["layers"]) == ({"map": {}}, {})
+
+
+def positions(of: dict) -> np.ndarray:
+    return np.frombuffer(of["geometries"][0]["data"]["attributes"]["position"]["array"].data, "<f4")
 
 
 @pytest.fixture(scope="module")
@@ -469,22 +392,17 @@ def followed(model):
     return found, page_at(model, layers=[PathLayer.of(found)])
 
 
-def test_the_line_leads_through_the_points(followed):
+def test_the_line_leads_through_the_points_and_the_numbers_are_those_of_the_path(followed):
     found, text = followed
     node = next(node for path, node in nodes_of(text).items() if path.endswith("/path/line"))
-    data = node.object["geometries"][0]["data"]["attributes"]["position"]["array"]
-    ends = np.frombuffer(data.data, "<f4").reshape(-1, 2, 3)
     points = found.poses.position.T
-    assert_allclose(ends, np.stack([points[:-1], points[1:]], axis=1), atol=1e-6)
-
-
-def test_the_numbers_are_those_of_the_path(followed):
-    found, text = followed
+    expected = np.stack([points[:-1], points[1:]], axis=1)
+    assert_allclose(positions(node.object).reshape(-1, 2, 3), expected, atol=1e-6)
     numbers = data_block(text, "settings")["layers"]["path"]
     assert_allclose(numbers["band"], found.band[0], rtol=1e-6)
     assert_allclose(numbers["quantile"], found.curve[0], rtol=1e-6)
     assert numbers["worst"] == found.worst_pose(0)
-    legend = text.partition('aria-label="Path"')[2].partition("</section>")[0]
+    legend = legend_of(text, "Path")
     low, high = found.maximum_quantile(0, 0.95).interval
     numbers = re.search(r"stay within (\S+) mm all .*, interval (\S+) to (\S+) mm at 95 % confidence", legend).groups()
     said, *ends = (1e-3 * float(number) for number in numbers)
@@ -501,35 +419,73 @@ def test_colours_do_not_show_the_scatter_of_samples(model):
     assert scale.smallest <= 0.9 * found.curve[0].max()
 
 
+STATE = """() => {
+  const layer = precisionPin.viewer.scene_tree.find(["meshcat", "calibration"]).object;
+  const balls = layer.children.filter((one) => one.isMesh && one.geometry.type === "SphereGeometry");
+  const mark = layer.children.find((one) => one.userData.row !== undefined);
+  return {
+    balls: balls.map((one) => one.position.toArray()), seen: balls.map((one) => one.visible),
+    row: mark.userData.row, at: mark.position.toArray(), parts: mark.children.length,
+    thin: layer.children.find((one) => one.isLineSegments).visible, shown: layer.visible,
+  };
+}"""
+CORNERS = """(mesh) => Array.from(precisionPin.viewer.scene_tree.find(["meshcat", "path"]).object.children
+  .filter((one) => one.isMesh && one.geometry.index && one.geometry.attributes.color)[mesh]
+  .geometry.attributes.position.array)"""
+BALLS = """() => precisionPin.viewer.scene_tree.find(["meshcat", "compensation"]).object.children
+  .filter((one) => one.isMesh && one.geometry.type === "SphereGeometry").map((one) => one.position.toArray())"""
+
+
 @needs_chromium
-def test_layers_are_drawn_as_large_as_the_legend_says_and_switched_off(
-    compensated, mapped, followed, context, tmp_path
+def test_layers_are_drawn_as_large_as_the_legend_says_marked_by_a_press_and_switched_off(
+    calibrated, compensated, mapped, followed, context, tmp_path
 ):
-    found, layer = followed[0], compensated[2]
-    text = page_at(compensated[0], layers=[layer, PlacesData.of(mapped[0]), PathLayer.of(found)])
-    corners = """(mesh) => Array.from(precisionPin.viewer.scene_tree.find(["meshcat", "path"]).object.children
-      .filter((one) => one.isMesh && one.geometry.index && one.geometry.attributes.color)[mesh]
-      .geometry.attributes.position.array)"""
+    found, compensation = followed[0], compensated[2]
+    layers = [calibrated[2], compensation, PlacesData.of(mapped[0]), PathLayer.of(found)]
+    text = page_at(compensated[0], layers=layers)
     visit = opened(context, tmp_path, text)
-    balls = """() => precisionPin.viewer.scene_tree.find(["meshcat", "compensation"]).object.children
-      .filter((one) => one.isMesh && one.geometry.type === "SphereGeometry").map((one) => one.position.toArray())"""
-    times = float(visit.page.inner_text("#compensation-times"))
-    arms = np.reshape(visit.page.evaluate(balls), (3, -1, 3)).swapaxes(1, 2)
-    assert_allclose(arms, layer.nominal + times * layer.arms, atol=1e-5)
-    assert visit.page.evaluate("precisionPin.state().seen.map") is True
-    visit.page.uncheck("#show-map")
-    assert visit.page.evaluate("precisionPin.state().seen.map") is False
-    settings = data_block(text, "settings")
+    page, settings = visit.page, data_block(text, "settings")
+    own = settings["layers"]["calibration"]
+    start = page.evaluate(STATE)
+    points, after = (np.reshape(own[name], (-1, 3)) for name in ("points", "after"))
+    times = float(page.inner_text("#calibration-times").replace(",", ""))
+    assert times == own["times"]
+    drawn = times * after
+    is_whole = np.linalg.norm(drawn, axis=1) <= own["longest"]
+    assert_allclose(np.array(start["balls"])[is_whole], (points + drawn)[is_whole], atol=1e-5)
+    assert start["seen"] == is_whole.tolist()
+    assert not is_whole[0]
+    # by the keyboard
+    page.locator('[data-reading="3"]').focus()
+    page.keyboard.press("Enter")
+    then = page.evaluate(STATE)
+    for state, row, reading in ((start, ROW, 0), (then, own["rows"][3], 3)):
+        assert state["row"] == row
+        assert_allclose(state["at"], points[reading], atol=1e-6)
+    assert then["parts"] == 2
+    pressed = page.eval_on_selector_all("[data-reading]", "all => all.map((one) => one.ariaPressed)")
+    assert pressed == ["true" if k == 3 else "false" for k in range(8)]
+    page.uncheck("#calibration-before")
+    page.uncheck("#show-calibration")
+    last = page.evaluate(STATE)
+    assert [one[name] for one in (start, last) for name in ("thin", "shown")] == [True, True, False, False]
+
+    times = float(page.inner_text("#compensation-times"))
+    arms = np.reshape(page.evaluate(BALLS), (3, -1, 3)).swapaxes(1, 2)
+    assert_allclose(arms, compensation.nominal + times * compensation.arms, atol=1e-5)
+    assert page.evaluate("precisionPin.state().seen.map") is True
+    page.uncheck("#show-map")
+    assert page.evaluate("precisionPin.state().seen.map") is False
     points = found.poses.position.T
     for times in (1.0, 3.0):
-        visit.page.evaluate(
+        page.evaluate(
             "(value) => { const f = document.getElementById('factor'); f.value = value; f.dispatchEvent(new Event('input')); }",
             np.log10(times * settings["factor"]),
         )
-        said = float(visit.page.inner_text("#path-times"))
+        said = float(page.inner_text("#path-times"))
         assert said == pytest.approx(times * settings["layers"]["path"]["times"], rel=0.01)
         for mesh, radii in enumerate((found.curve[0], found.band[0])):
-            away = np.reshape(visit.page.evaluate(corners, mesh), (5, 16, 3)) - points[:, None]
+            away = np.reshape(page.evaluate(CORNERS, mesh), (5, 16, 3)) - points[:, None]
             widths = np.linalg.norm(away, axis=2)
             assert_allclose(widths, np.tile(said * radii[:, None], 16), rtol=0.01)
             way = points[2] - points[0]

@@ -7,7 +7,6 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.pages.view import ViewPose, page
 from precision_pin.robot.chain import Chain
-
-HOSTILE = "</script><img src=x onerror=alert(1)>"
-TYPES = {0x12: np.uint8, 0x15: np.int32, 0x16: np.uint32, 0x17: np.float32}
+from precision_pin.sources import Source
 
 
 def arm_text(visuals: Sequence[str] = ("", "", ""), name: str = "two links") -> str:
@@ -47,15 +44,14 @@ def arm_text(visuals: Sequence[str] = ("", "", ""), name: str = "two links") -> 
 """
 
 
-def visual(geometry: str, origin: str = "", colour: str = "") -> str:
-    material = f'<material name=""><color rgba="{colour}"/></material>' if colour else ""
-    return f"<visual>{origin}<geometry>{geometry}</geometry>{material}</visual>"
-
-
-def pose_model(folder: Path, text: str, q: Sequence[float] = (0.4, -0.7)) -> PoseModel:
+def arm_model(folder: Path, text: str, *sources: Source) -> ErrorModel:
     path = folder / "arm.urdf"
     path.write_text(text, "utf-8")
-    return ErrorModel(Chain.from_urdf(path, tip="tool"), Space(), []).at(q)
+    return ErrorModel(Chain.from_urdf(path, tip="tool"), Space(), sources, {"p": [0.4, -0.7], "q": [-0.4, 0.9]})
+
+
+def pose_model(folder: Path, text: str, *sources: Source) -> PoseModel:
+    return arm_model(folder, text, *sources).at("p")
 
 
 def made_up_errors(count: int, seed: int = 0, size: float = 1e-4) -> np.ndarray:
@@ -143,51 +139,6 @@ def nodes_of(text: str) -> dict[str, Node]:
         else:
             node.properties = {command["property"]: command["value"]}
     return nodes
-
-
-def pose_of(nodes: dict[str, Node], path: str) -> np.ndarray:
-    """Return a node's pose in the base: the product of the transforms on the way to it."""
-    pose = np.eye(4)
-    parts = path.strip("/").split("/")
-    for end in range(1, len(parts) + 1):
-        node = nodes.get("/" + "/".join(parts[:end]))
-        if node is not None and node.transform is not None:
-            pose = pose @ node.transform
-    return pose
-
-
-def array_of(attribute: dict) -> np.ndarray:
-    values = np.frombuffer(attribute["array"].data, TYPES[attribute["array"].type])
-    return values.reshape(-1, attribute["itemSize"])
-
-
-def geometry_of(node: Node) -> dict:
-    return node.object["geometries"][0]
-
-
-def material_of(node: Node) -> dict:
-    return node.object["materials"][0]
-
-
-class Tags(HTMLParser):
-    """Every start tag with its attributes, and the text outside scripts and styles."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.scripts: list[tuple[dict[str, str | None], str]] = []
-        self.words: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attributes)))
-
-    def handle_data(self, data: str) -> None:
-        last = self.tags[-1] if self.tags else ("", {})
-        if self.cdata_elem == "script":
-            self.scripts.append((last[1], data))
-        elif self.cdata_elem is None:
-            self.words.append(data)
 
 
 def opened(context: Any, folder: Path, text: str, fragment: str = "") -> Any:
