@@ -256,6 +256,8 @@ def test_beams_are_named_by_links_of_the_file_with_the_base_beyond_them(tmp_path
     path = toy(tmp_path, *(link(name, 1.0) for name in ("root", "a", "b")), link("tool"), *joints)
     text = scaffold(pp.Chain.from_urdf(path, "root", "tool"), "toy.urdf")
     assert re.findall(r"# - beam: {link: (\w+),", text) == ["b", "a", "root"]
+    # 0.6 m reach, so tubes of 50 mm and 3.125 mm wall: E pi/8 d^3 t = 70 GPa * 1.534e-7 m^4 = 1.07e4 N*m^2
+    assert text.count("mean: 1e4 N*m^2}, GI: {uniform: 800 N*m^2, mean: 8e3 N*m^2}") == 3
 
 
 def test_many_locked_joints_stay_compact() -> None:
