@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import optimize
 from scipy.spatial.transform import Rotation
 
 from precision_pin import Chain, Draw, ErrorModel, Fixed, InputError, Lognormal, Normal, Source, Space, Uniform
@@ -19,10 +20,9 @@ from precision_pin.kernel import sampler
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import Beam, Frame, JointCompliance, JointOffset, Length, Payload
 from precision_pin.sources.profiles import Segment
-from support.checks.beam import integrals
 from support.checks.common import one_link
 from support.oracles import rods_error, settled_errors
-from support.plain_robot import chain_of, inserted, joint, link, motion, pose_error, robot
+from support.plain_robot import chain_of, joint, link, motion, pose_error, robot
 from support.sheets import PAPER_Q
 
 MM = 1e-3
@@ -85,31 +85,19 @@ def test_distance_and_slopes_of_the_rods(arm):
 
 
 @pytest.mark.slow
-def test_the_99_percent_quantile_is_that_of_exact_rods(arm):
-    """|d| falls with the stiffness, so its 99 % quantile is that of the robot at the stiffness's 1 % quantile."""
-    # median / exp(2.3263 s), s² = ln(1 + 0.2²)
-    for law, hundredth, within in ((Uniform(0.3, mean=1.0), 0.706, 1e-3), (Lognormal(0.2, 1.0), 0.618607, 2e-3)):
-        at = loaded(arm, law).at(PAPER_Q)
-        truth = np.linalg.norm(rods_error(hundredth)[:3])
-        modelled = np.linalg.norm(at.exact(np.array([[hundredth], [1.0]]))[:3])
-        assert modelled == pytest.approx(truth, rel=within)
-    sampled = np.linalg.norm(at.exact(at.space.sample(0, 0, 100_000))[:3], axis=0)
-    # the quantile's standard error is below 0.1 % here
-    assert np.quantile(sampled, 0.99) == pytest.approx(truth, rel=within + 3e-3)
-
-
-@pytest.mark.slow
 def test_products_of_load_and_stiffness_are_kept(arm):
-    """Heavy and soft at once: against rods, where a first-order model is 10 % short."""
+    """Heavy and soft at once: against rods, where a first-order model is 10 % short. And far from the means."""
     at = loaded(arm, Uniform(0.3, mean=1.0), Uniform(0.5, mean=1.0)).at(PAPER_Q)
+    scattered = loaded(arm, Lognormal(0.2, 1.0)).at(PAPER_Q)
     e0, jacobian = at.tangent
-    for stiffness, mass in ((0.7, 1.5), (1.3, 0.5)):
-        truth = rods_error(stiffness, mass)
-        error = at.exact(np.array([[stiffness], [mass]]))[:, 0]
-        assert np.linalg.norm((error - truth)[:3]) < 2e-3 * np.linalg.norm(truth[:3])
     first_order = e0 + jacobian @ [-0.3, 0.5]
-    truth = rods_error(0.7, 1.5)
-    assert np.linalg.norm((first_order - truth)[:3]) > 0.08 * np.linalg.norm(truth[:3])
+    # the 1 % quantile of the lognormal law is exp(-2.3263 s) / √(1 + 0.2²), s² = ln(1 + 0.2²)
+    for model, stiffness, mass in ((at, 0.7, 1.5), (at, 1.3, 0.5), (scattered, 0.618607, 1.0)):
+        truth = rods_error(stiffness, mass)
+        error = model.exact(np.array([[stiffness], [mass]]))[:, 0]
+        assert np.linalg.norm((error - truth)[:3]) < 2e-3 * np.linalg.norm(truth[:3])
+        if mass > 1:
+            assert np.linalg.norm((first_order - truth)[:3]) > 0.08 * np.linalg.norm(truth[:3])
 
 
 @pytest.mark.slow
@@ -135,69 +123,37 @@ def test_stiffnesses_that_vary_one_by_one(arm):
 
 # --- another route ---
 
-STIFF = 1e5
-"""Of the links, so that what bending adds to second order is below 1e-13."""
-
-
-def settled_by_hand(chain: Chain, payload: float, stiffness: float) -> np.ndarray:
-    """Return the same fixed point: joints, then Mohr's integrals on links 2 and 3, loads where the masses are now."""
-    gravity = np.array([0, 0, -9.81])
-    turns, bends, ends = np.zeros(4), np.zeros((5, 6)), [np.zeros((4, 4))]
-    for _ in range(60):
-        before = ends[-1]
-        links, ends = [np.eye(4)], [chain.placements[0]]
-        for i in range(1, 5):
-            links.append(ends[-1] @ motion((0, 0, 1), False, PAPER_Q[i - 1] + turns[i - 1]))
-            ends.append(links[-1] @ chain.placements[i] @ inserted(bends[i]))
-        masses = [
-            (2, 1.4, links[2] @ [0.985, 0, 0, 1]),
-            (3, 1.4, links[3] @ [0.885, 0, 0, 1]),
-            (4, 3.3, links[4] @ [0, 0, -0.137, 1]),
-            (4, payload, links[4] @ [0, 0, -0.274, 1]),
-        ]
-        for i in range(1, 5):
-            arms = [np.cross(centre[:3] - links[i][:3, 3], m * gravity) for link, m, centre in masses if link >= i]
-            turns[i - 1] = 1e-5 / stiffness * links[i][:3, 2] @ sum(arms)
-        for i, length, gi in ((2, 1.97, 4000.0), (3, 1.77, 1000.0)):
-            end = ends[i][:3, 3]
-            loads = [
-                (length, m * gravity, np.cross(centre[:3] - end, m * gravity)) for link, m, centre in masses if link > i
-            ]
-            axes = links[i][:3, :3]
-            rigidities = (gi * STIFF * stiffness, 8000.0 * STIFF * stiffness, 8000.0 * STIFF * stiffness, 1e30)
-            moved = integrals(loads, [(0.0, length, 1.4 * gravity)], length, axes, rigidities)
-            bends[i] = np.concatenate([axes.T @ moved[:3], axes.T @ moved[3:]])
-        if np.abs(ends[-1] - before).max() < 1e-15:
-            break
-    return pose_error(ends[4], chain.at(PAPER_Q).pose)
-
 
 @pytest.mark.slow
 def test_the_fixed_point_by_another_route(arm):
-    for payload, stiffness in ((3.0, 0.5), (0.2, 10.0)):
-        at = loaded(arm, Fixed(stiffness), Fixed(payload), links=STIFF).at(PAPER_Q)
-        np.testing.assert_allclose(at.tangent[0], settled_by_hand(arm, payload, stiffness), atol=1e-12)
-    # its slopes are those of the solution solved anew
-    jacobian = loaded(arm, links=STIFF).at(PAPER_Q).jacobian
-    step = 1e-3
-    by_stiffness = settled_by_hand(arm, 1.0, 1 + step) - settled_by_hand(arm, 1.0, 1 - step)
-    by_payload = settled_by_hand(arm, 1 + step, 1.0) - settled_by_hand(arm, 1 - step, 1.0)
-    for column, slope in ((0, by_stiffness), (1, by_payload)):
-        expected = slope / (2 * step)
-        np.testing.assert_allclose(jacobian[:, column], expected, atol=3e-6 * np.abs(expected).max())
+    """Soft joints and rigid links: angles by torques, torques by where the masses then are; and without weights."""
+    gravity, softness = np.array([0, 0, -9.81]), Component("softness")
+    masses = ((2, 1.4, (0.985, 0, 0)), (3, 1.4, (0.885, 0, 0)), (4, 3.3, (0, 0, -0.137)), (4, 1.0, (0, 0, -0.274)))
 
+    def settled(compliance: float, payload: float) -> np.ndarray:
+        turns, last = np.zeros(4), np.full(4, np.inf)
+        while np.abs(turns - last).max() > 1e-16:
+            last, links = turns, [np.eye(4)]
+            for angle, place in zip(PAPER_Q + turns, arm.placements[:4], strict=True):
+                links.append(links[-1] @ place @ motion((0, 0, 1), False, angle))
+            weights = [(k, m * gravity, (links[k] @ [*centre, 1])[:3]) for k, m, centre in masses]
+            weights[-1] = (4, payload * gravity, weights[-1][2])
+            moments = [
+                sum(np.cross(at - one[:3, 3], f) for k, f, at in weights if k >= i) for i, one in enumerate(links)
+            ]
+            turns = compliance * np.array([one[:3, 2] @ moment for one, moment in zip(links, moments, strict=True)])[1:]
+        return pose_error(links[4] @ arm.placements[4], arm.at(PAPER_Q).pose)
 
-@pytest.mark.slow
-def test_at_high_stiffness_and_without_loads_it_is_the_nominal_answer(arm):
-    """The difference is of second order in the deflection: a hundred times stiffer, ten thousand times less."""
-    gaps = []
-    for stiffness in (10.0, 1000.0):
-        one, two = (
-            loaded(arm, Fixed(stiffness), statics=statics).at(PAPER_Q).tangent[0]
-            for statics in ("nominal", "equilibrium")
-        )
-        gaps.append(np.linalg.norm(one - two))
-    assert gaps[0] / gaps[1] == pytest.approx(1e4, rel=0.05)
+    sources = [Payload(at="tool", mass="mass"), *(JointCompliance(joint=name, compliance=softness) for name in JOINTS)]
+    for c, mass in ((2e-5, 3.0), (1e-6, 0.2)):
+        space = Space((Draw("softness", Fixed(c)), Draw("mass", Fixed(mass))))
+        error, jacobian = ErrorModel(arm, space, sources, statics="equilibrium").at(PAPER_Q).tangent
+        np.testing.assert_allclose(error, settled(c, mass), atol=1e-12)
+        # its slopes are those of the solution solved anew
+        for k, step in enumerate(1e-3 * np.diag([c, mass])):
+            ahead, behind = (settled(c + sign * step[0], mass + sign * step[1]) for sign in (1, -1))
+            slope = (ahead - behind) / (2 * step[k])
+            np.testing.assert_allclose(jacobian[:, k], slope, atol=3e-6 * np.abs(slope).max())
     weightless = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
     error, jacobian = loaded(weightless).at(PAPER_Q).tangent
     np.testing.assert_allclose(error, 0, atol=1e-14)
@@ -208,37 +164,8 @@ def test_at_high_stiffness_and_without_loads_it_is_the_nominal_answer(arm):
 
 
 @pytest.mark.slow
-def test_every_target_is_differentiated(arm):
-    """Offsets, lengths, frames and axes of the arm at rest move its loads: slopes of robots settled anew, to 1e-6."""
-    geometry = (
-        JointOffset(joint="joint2", offset="o2"),
-        JointOffset(joint="joint3", offset="o3"),
-        Length(joint="joint3", along="x of joint2", parameters=("l",)),
-        Frame(joint="joint4", x="x", rx="rx", rz="rz"),
-    )
-    names = ("o2", "o3", "l", "x", "rx", "rz")
-    means = np.array([1e-3, -2e-3, 5e-4, 1e-3, 2e-3, -1e-3])
-    base = loaded(arm)
-    draws = tuple(Draw(name, Fixed(mean)) for name, mean in zip(names, means, strict=True))
-    model = ErrorModel(arm, Space((*base.space.draws, *draws)), [*base.sources, *geometry], statics="equilibrium")
-    jacobian = model.at(PAPER_Q).jacobian
-    centre = np.concatenate([[1.0, 1.0], means])
-    step = 1e-4
-    moved = (
-        centre[:, None]
-        + step * np.concatenate([np.eye(8), -np.eye(8)], axis=1)[:, [2, 3, 4, 5, 6, 7, 10, 11, 12, 13, 14, 15]]
-    )
-    errors = settled_errors(model, PAPER_Q, moved)
-    slopes = (errors[:, :6] - errors[:, 6:]) / (2 * step)
-    np.testing.assert_allclose(jacobian[:, 2:], slopes, rtol=0, atol=2e-6)
-    # without the loads' answer the slope of joint 2's offset is 2 % off
-    rigid = ErrorModel(arm, Space(draws), geometry, statics="equilibrium").at(PAPER_Q).jacobian
-    assert np.linalg.norm(rigid[:, 0] - slopes[:, 0]) > 0.01 * np.linalg.norm(slopes[:, 0])
-
-
-@pytest.mark.slow
 def test_slopes_with_segments_a_sliding_joint_and_a_branch():
-    """Two links, the second slides at a slant and carries a bracket; every law about its mean."""
+    """Two links, the second slides at a slant and carries a bracket: stiffnesses, loads, and geometry, which moves loads."""
     chain = chain_of(
         robot(
             link("base"),
@@ -255,6 +182,7 @@ def test_slopes_with_segments_a_sliding_joint_and_a_branch():
         gravity=(1.0, -2.0, -9.0),
     )
     means = {"EI": 300.0, "GI": 200.0, "C": 2e-4, "D": 4e-5, "wall": 2e-3, "m": 1.5, "x": 0.05}
+    means |= {"offset": 1e-2, "length": 5e-3, "y": 1e-2, "rx": 2e-2, "rz": -1e-2}
     segments = (
         Segment(fraction=0.4, section="tube", outer_diameter=0.03, wall="wall", material="aluminium"),
         Segment(EI="EI", GI="GI"),
@@ -265,14 +193,17 @@ def test_slopes_with_segments_a_sliding_joint_and_a_branch():
         Beam(link="fore", section="rod", diameter=0.02, material="steel", self_weight="section"),
         JointCompliance(joint="turn", compliance="C"),
         JointCompliance(joint="slide", compliance="D"),
+        JointOffset(joint="turn", offset="offset"),
+        Length(joint="slide", along="x of turn", parameters=("length",)),
+        Frame(joint="slide", y="y", rx="rx", rz="rz"),
     ]
     space = Space(tuple(Draw(name, Fixed(value)) for name, value in means.items()))
     model = ErrorModel(chain, space, sources, statics="equilibrium")
     q, mean = [0.3, 0.2], model.space.mean
     error, jacobian = model.at(q).tangent
     assert np.linalg.norm(error[:3]) > 0.02
-    # links, joints, and loads, each to 1e-6, against fourth-order differences of arms settled anew
-    for names in (("EI", "GI", "wall"), ("C", "D"), ("m", "x")):
+    # each to 1e-6, against fourth-order differences of arms settled anew
+    for names in (("EI", "GI", "wall", "m"), ("C", "D", "x"), ("offset", "length"), ("y", "rx", "rz")):
         along, h = np.where(np.isin(model.space.components, names), mean, 0.0), 1e-3
         steps = np.outer(along, [h, -h, 2 * h, -2 * h])
         ahead, behind, far_ahead, far_behind = settled_errors(model, q, mean[:, None] + steps).T
@@ -319,21 +250,15 @@ def test_a_sliding_joint_on_a_spring_by_hand():
 @pytest.mark.slow
 def test_geometry_keeps_its_terms_exactly(arm):
     """Lengths, frames and offsets stand beside loads as in nominal statics, bit for bit; only loaded terms are new."""
-    nominal, rest = (loaded(arm, statics=statics) for statics in ("nominal", "equilibrium"))
-    geometry = [
+    geometry = (
         Length(joint="joint3", parameters=(Uniform(1e-3, mean=2e-4),)),
         Frame(joint="joint4", x=Uniform(1e-3), ry=Normal(1e-4)),
         JointOffset(joint="joint2", offset=Uniform(1e-3)),
-    ]
-    tables = []
-    for model in (nominal, rest):
-        at = ErrorModel(arm, model.space, [*model.sources, *geometry], statics=model.statics).at(PAPER_Q)
-        tables.append([term for term in at.terms if not term.loaded])
-    assert len(tables[0]) == 4
-    for one, other in zip(*tables, strict=True):
-        assert one.target == other.target
-        assert one.factors == other.factors
-        np.testing.assert_array_equal(one.twist, other.twist)
+    )
+    terms = [loaded(arm, sources=geometry, statics=one).at(PAPER_Q).terms for one in ("nominal", "equilibrium")]
+    one, other = ([(t.target, t.factors, t.twist.tolist()) for t in each if not t.loaded] for each in terms)
+    assert len(one) == 4
+    assert one == other
 
 
 # --- stable up to the critical load ---
@@ -346,24 +271,15 @@ def leaning(ratio: float, lean: float, down: float = -9.81) -> ErrorModel:
     return ErrorModel(tower, Space(), sources, {"here": [lean]}, statics="equilibrium")
 
 
-def bisected(low: float, high: float, ratio: float, lean: float) -> float:
-    """Return θ of θ = r sin(lean + θ)."""
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if middle < ratio * np.sin(lean + middle) else (low, middle)
-    return low
-
-
-def test_an_arm_is_at_rest_up_to_its_critical_load_and_under_any_if_it_hangs():
-    for ratio in (0.5, 0.9, 0.99, 0.999):
-        angle = leaning(ratio, 1e-3).at().error_at_means[4]
-        assert angle == pytest.approx(bisected(0.0, 1.0, ratio, 1e-3), rel=1e-9)
-    # leant far over, where no straight one would rest
-    assert leaning(1.3, 0.7).at().error_at_means[4] == pytest.approx(bisected(0.0, 2.0, 1.3, 0.7), rel=1e-9)
-    # hanging, at 30° from the vertical
-    for ratio in (0.5, 2.0, 1e4):
-        angle = leaning(ratio, 0.5, 9.81).at().error_at_means[4]
-        assert angle == pytest.approx(bisected(-0.5, 0.0, -ratio, 0.5), rel=1e-9)
+@pytest.mark.parametrize(
+    ("ratio", "lean"), [(0.5, 1e-3), (0.9, 1e-3), (0.999, 1e-3), (1.3, 0.7), (-0.5, 0.5), (-1e4, 0.5)]
+)
+def test_an_arm_is_at_rest_up_to_its_critical_load_and_under_any_if_it_hangs(ratio, lean):
+    """Upright; leant far over, where no straight one would rest; and hanging, at 30° from the vertical: θ = r sin(lean + θ)."""
+    angle = leaning(abs(ratio), lean, np.copysign(9.81, -ratio)).at().error_at_means[4]
+    ends = (0.0, 2.0) if ratio > 0 else (-0.5, 0.0)
+    expected = optimize.brentq(lambda turn: turn - ratio * np.sin(lean + turn), *ends, xtol=1e-15)
+    assert angle == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [1.001, 1.1, 20.0])
@@ -408,7 +324,7 @@ def test_an_eccentric_column_bends_as_the_secant_formula_says():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("ratio", "aside"), [(1.02, 0.0), (1.5, 1e-4), (4.0, 0.01)])
+@pytest.mark.parametrize(("ratio", "aside"), [(1.02, 0.0), (1.5, 1e-4)])
 def test_a_column_past_eulers_load_is_refused(ratio, aside):
     with pytest.raises(InputError, match="the arm buckles under its loads: beyond") as caught:
         column(ratio, aside).at()
@@ -512,6 +428,5 @@ def test_nominal_statics_warn_where_they_are_stretched(arm):
     assert finding.severity == "warning"
     assert f"put the tip {gap * 1e3:.3g} mm away" in finding.message
     assert warned(model(1.0, 20e-3)) == []
-    assert warned(model(10.0, 1e-3)) == []
     assert warned(model(0.02, 1e-3)) == ["W_DEFLECTION", "W_STATICS"]  # links bend by more than a radian
     assert warned(ErrorModel(arm, Space(), [tolerance[1e-3]])) == []

@@ -1,24 +1,25 @@
-"""The exact engine against the definition of places and Pinocchio, its first-order models, and what must not matter."""
+"""The exact engine against the definition of places, its first-order models, and what must not matter."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
-from precision_pin import Chain, Draw, ErrorModel, InputError, Normal, Scope, Source, Space, Term, Uniform
+from precision_pin import Draw, ErrorModel, InputError, Scope, Source, Space, Term, Uniform
 from precision_pin.base.errors import InternalError, UnknownNameError
+from precision_pin.draws.expressions import Component
 from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
+from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.places import Place
-from precision_pin.sources import Beam, Frame, JointOffset, Length, Payload
+from precision_pin.sources import Frame, JointOffset, Length
 from precision_pin.terms.bound_source import labels
 from precision_pin.terms.term import JointValue
 from support.checks.common import one_link
-from support.oracles import displaced_pose, displacements, virtual_joint_pose
+from support.oracles import displaced_pose, displacements
 from support.plain_robot import inserted, pose_error
-from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, loads, named, seven_joint_arm, spread_out
+from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, seven_joint_arm, spread_out
 
 NOTHING = np.zeros((0, 1))
 
@@ -46,63 +47,24 @@ def test_the_paper_sheet_against_the_definition():
     check_against_definition(model, PAPER_Q, model.space.sample(3, 1000, 8), 1e-14)
 
 
-def frames_and_offsets(chain: Chain, joint_errors, ends, seats) -> ErrorModel:
-    """Six fixed errors at every end and seat, one at every joint."""
-    names = ("x", "y", "z", "rx", "ry", "rz")
-    first = {where.link: name for name, where in reversed(chain.link_frames.items())}
-    sources: list[Source] = []
-    for number, error in enumerate(ends):
-        sources.append(Frame(link=first[number], **dict(zip(names, map(float, error), strict=True))))
-    for name, error in zip(chain.joint_names, seats, strict=False):
-        sources.append(Frame(joint=name, **dict(zip(names, map(float, error), strict=True))))
-    for name, error in zip(chain.joint_names, joint_errors, strict=True):
-        sources.append(JointOffset(joint=name, offset=float(error)))
-    return ErrorModel(chain, Space(), sources)
-
-
-@pytest.mark.fast(2)
-@pytest.mark.parametrize(("name", "turn"), [("seven", 0.12), ("ur5", 0.02), ("panda", 0.12), ("tiago", 1e-4)])
-@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
-def test_pinocchio_with_a_virtual_joint_for_every_error(name, turn):
-    """Three slides and a ball at every end and seat; at the largest size about 1.5 to 2.5 rad of turns in all."""
-    tips = {"ur5": "tool0", "panda": "panda_hand_tcp", "tiago": "arm_tool_link"}
-    chain = seven_joint_arm(prismatic=(2, 6)) if name == "seven" else Chain.from_urdf(example_urdfs()[name], tips[name])
-    generator = np.random.default_rng(8)
-    count = len(chain.joints)
-    q = generator.uniform(-1.2, 1.2, count)
-    joint_errors = generator.uniform(-turn, turn, count)
-    ends, seats = (generator.uniform(-1, 1, (count + 1, 6)) * ([turn / 3] * 3 + [turn] * 3) for _ in range(2))
-    seats[-1] = 0
-    total = sum(np.linalg.norm(rows[:, 3:], axis=1).sum() for rows in (ends, seats)) + np.abs(joint_errors).sum()
-    assert turn < 0.1 or total > 1.4
-    at = frames_and_offsets(chain, joint_errors, ends, seats).at(q)
-    none = np.zeros(count)
-    still = np.zeros((count + 1, 6))
-    expected = pose_error(
-        virtual_joint_pose(chain, q, joint_errors, ends, seats), virtual_joint_pose(chain, q, none, still, still)
-    )
-    np.testing.assert_allclose(at.exact(np.zeros((0, 1)))[:, 0], expected, atol=2e-13)
-
-
-def test_a_total_turn_of_nearly_pi_and_places_beyond_it():
+def test_turns_of_nearly_pi_are_exact_and_beyond_it_and_any_number_they_are_refused():
     chain = seven_joint_arm()
     for turn in (3.0, 3.14):
         at = ErrorModel(chain, Space(), [Frame(frame="tool", rx=turn)]).at(SEVEN_Q)
-        moved = at.posture.pose @ inserted([0, 0, 0, turn, 0, 0])
-        expected = pose_error(moved, at.posture.pose)
+        expected = pose_error(at.posture.pose @ inserted([0, 0, 0, turn, 0, 0]), at.posture.pose)
         np.testing.assert_allclose(at.exact(NOTHING)[:, 0], expected, atol=1e-13)
-    at = ErrorModel(chain, Space(), [Frame(frame="tool", rx=np.pi)]).at(SEVEN_Q)
-    with pytest.raises(InputError, match="half a turn or more"):
-        at.exact(NOTHING)
-
-
-def test_errors_beyond_any_number_and_values_of_the_wrong_shape_are_refused():
-    chain = seven_joint_arm()
-    for far in ({"x": 1.7e308}, {"rx": 1e200}):
+    for far, message in (
+        ({"rx": np.pi / 2}, "half a turn or more"),
+        ({"x": 1.7e308}, "too large to compute with"),
+        ({"rx": 1e200}, "too large to compute with"),
+    ):
         at = ErrorModel(chain, Space(), [Frame(frame="tool", **far)] * 2).at(SEVEN_Q)
-        with pytest.raises(InputError, match="too large to compute with"):
+        with pytest.raises(InputError, match=message):
             at.exact(NOTHING)
-    at = ErrorModel(chain, Space((Draw("a", Uniform(1.0)),)), [Frame(joint="joint1", x="a")]).at(SEVEN_Q)
+
+
+def test_values_of_the_wrong_shape_are_refused():
+    at = ErrorModel(seven_joint_arm(), Space(), [Frame(joint="joint1", x=Uniform(1.0))]).at(SEVEN_Q)
     for x in (np.zeros(1), np.zeros((2, 3)), np.zeros((1, 2, 3)), 0.0):
         with pytest.raises(InputError, match=r"expected \(1, N\)"):
             at.exact(x)
@@ -121,16 +83,6 @@ def test_a_place_adds_what_several_sources_do_to_it():
     np.testing.assert_allclose(apart, together, atol=1e-15)
 
 
-def test_the_end_comes_before_the_seat():
-    chain = seven_joint_arm()
-    both = [Frame(joint="joint3", rx=0.5), Frame(link="link2", ry=0.7)]
-    at = ErrorModel(chain, Space(), both).at(SEVEN_Q)
-    origin = at.posture.place_pose(chain.end(2))
-    moved = origin @ inserted([0, 0, 0, 0, 0.7, 0]) @ inserted([0, 0, 0, 0.5, 0, 0]) @ np.linalg.inv(origin)
-    expected = pose_error(moved @ at.posture.pose, at.posture.pose)
-    np.testing.assert_allclose(at.exact(NOTHING)[:, 0], expected, atol=1e-14)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Custom(Source):
     """Turns a place of its own about z."""
@@ -144,85 +96,53 @@ class Custom(Source):
         return self.name
 
     def terms(self, posture, space: LabelledSpace):
-        place = Place.custom(2, 0, self.name, at_x(self.shift))
+        place = Place.custom(2, 0, self.name, inserted([self.shift, 0, 0, 0, 0, 0]))
         yield Term.of(place, [0, 0, 0, 0, 0, 1.0], self.turn)
-
-
-def at_x(distance: float) -> np.ndarray:
-    return inserted([distance, 0, 0, 0, 0, 0])
 
 
 def test_places_of_different_sources_may_have_one_rank():
     chain = seven_joint_arm()
     sources = [Custom(name="a", shift=0.1, turn=0.3), Custom(name="b", shift=0.3, turn=-0.4)]
-    at = ErrorModel(chain, Space(), sources).at(SEVEN_Q)
-    assert len(at.table.targets) == 2
-    base = at.posture.link_poses[2]
-    moved = base
-    for place, turn in ((at_x(0.1), 0.3), (at_x(0.3), -0.4)):
-        moved = moved @ place @ inserted([0, 0, 0, 0, 0, turn]) @ np.linalg.inv(place)
-    expected = pose_error(moved @ np.linalg.inv(base) @ at.posture.pose, at.posture.pose)
-    np.testing.assert_allclose(at.exact(NOTHING)[:, 0], expected, atol=1e-14)
-    backwards = ErrorModel(chain, Space(), sources[::-1]).at(SEVEN_Q)
-    np.testing.assert_array_equal(backwards.exact(NOTHING), at.exact(NOTHING))
-
-
-def test_one_place_with_two_frames_is_a_fault_of_the_source():
-    sources = [Custom(name="a", shift=0.1, turn=0.3), Custom(name="a", shift=0.2, turn=0.3)]
+    one, other = (ErrorModel(chain, Space(), order) for order in (sources, sources[::-1]))
+    assert len(one.at(SEVEN_Q).table.targets) == 2
+    check_against_definition(one, SEVEN_Q, np.zeros((0, 1)), 1e-14)
+    np.testing.assert_array_equal(other.at(SEVEN_Q).exact(NOTHING), one.at(SEVEN_Q).exact(NOTHING))
     with pytest.raises(InternalError, match="two different places"):
-        ErrorModel(seven_joint_arm(), Space(), sources).at(SEVEN_Q)
+        ErrorModel(chain, Space(), [sources[0], replace(sources[1], name="a")]).at(SEVEN_Q)
 
 
 def test_no_sources_no_error():
     at = ErrorModel(seven_joint_arm(), Space(), []).at(SEVEN_Q)
-    assert at.table.targets == ()
-    np.testing.assert_array_equal(at.exact(np.zeros((0, 3))), np.zeros((6, 3)))
-    np.testing.assert_array_equal(at.linear(np.zeros((0, 3))), np.zeros((6, 3)))
     error, jacobian = at.tangent
-    np.testing.assert_array_equal(error, np.zeros(6))
     assert jacobian.shape == (6, 0)
-    np.testing.assert_array_equal(at.covariance, np.zeros((6, 6)))
+    for found in (at.exact(np.zeros((0, 3))), at.linear(np.zeros((0, 3))), error, at.covariance):
+        np.testing.assert_array_equal(found, np.zeros(found.shape))
 
 
 def test_terms_are_checked():
-    chain = seven_joint_arm()
-    for target, twist, message in (
-        (JointValue(0), np.zeros(6), "must be 1 finite"),
-        (chain.end(1), np.zeros(1), "must be 6 finite"),
-        (chain.end(1), np.full(6, np.nan), "must be 6 finite"),
+    factors = tuple(Component(name) for name in "abcd")
+    for target, twist, many, message in (
+        (JointValue(0), np.zeros(6), 0, "must be 1 finite"),
+        (seven_joint_arm().end(1), np.zeros(1), 0, "must be 6 finite"),
+        (seven_joint_arm().end(1), np.full(6, np.nan), 0, "must be 6 finite"),
+        (JointValue(0), np.ones(1), 4, "4 factors, at most 3"),
     ):
         with pytest.raises(InputError, match=message):
-            Term(target, twist)
-    space = Space(tuple(Draw(name, Uniform(1.0)) for name in "abcd"))
-    factors = tuple(space.parameter(name) for name in "abcd")
-    with pytest.raises(InputError, match="4 factors, at most 3"):
-        Term(JointValue(0), np.ones(1), factors)
+            Term(target, twist, factors[:many])
     assert Term.of(JointValue(0), 2.0, 3.0, factors[0], 0.5).twist.tolist() == [3.0]
 
 
 # what must not matter ------------------------------------------------------------------------------------------------
 
 
-def by_name(model: ErrorModel, x) -> dict[str, np.ndarray]:
-    return dict(zip(model.space.components, x, strict=True))
-
-
 def test_two_sources_with_one_label_get_draws_of_their_own():
-    chain = seven_joint_arm()
     pair = [Frame(joint="joint4", x=Uniform(1e-3)), Frame(joint="joint4", x=Uniform(2e-3))]
     assert labels(pair) == ("frame[joint4]", "frame[joint4]#2")
     assert labels(pair[::-1]) == ("frame[joint4]#2", "frame[joint4]")
-    model = ErrorModel(chain, Space(), pair)
-    assert model.space.components == ("frame[joint4].x", "frame[joint4]#2.x")
-    x = model.space.sample(1, 0, 1000)
-    # four standard errors of a correlation of independent numbers
-    assert abs(np.corrcoef(x)[0, 1]) < 4 / np.sqrt(1000)
     # the very same source twice is two independent errors as well
-    twins = ErrorModel(chain, Space(), [pair[0], pair[0]])
+    one, twins = (ErrorModel(seven_joint_arm(), Space(), of) for of in (pair[:1], [pair[0], pair[0]]))
     assert twins.space.components == ("frame[joint4].x", "frame[joint4]#2.x")
-    np.testing.assert_allclose(
-        twins.at(SEVEN_Q).covariance, 2 * ErrorModel(chain, Space(), pair[:1]).at(SEVEN_Q).covariance
-    )
+    np.testing.assert_allclose(twins.at(SEVEN_Q).covariance, 2 * one.at(SEVEN_Q).covariance)
 
 
 def test_a_shared_parameter_is_one_number_and_one_name_with_two_laws_is_refused():
@@ -241,15 +161,10 @@ def test_a_shared_parameter_is_one_number_and_one_name_with_two_laws_is_refused(
 
 
 def test_scopes_reach_the_draws():
-    chain = seven_joint_arm()
-    laws = [Draw("", Uniform(1e-3), scope) for scope in Scope]
-    model = ErrorModel(chain, Space(), [Length(joint="joint3", parameters=tuple(laws))])
-    unit, pose, visit = (f"length[joint3].parameters{k}" for k in ("", "[1]", "[2]"))
-    assert model.space.components == (unit, pose, visit)
-    a, b, c = (by_name(model, model.space.sample(1, 0, 10, pose=p, visit=v)) for p, v in ((0, 0), (0, 1), (1, 0)))
-    for name, same_visit, same_pose in ((unit, True, True), (pose, True, False), (visit, False, False)):
-        assert np.array_equal(a[name], b[name]) is same_visit
-        assert np.array_equal(a[name], c[name]) is same_pose
+    laws = tuple(Draw("", Uniform(1e-3), scope) for scope in Scope)
+    space = ErrorModel(seven_joint_arm(), Space(), [Length(joint="joint3", parameters=laws)]).space
+    assert [draw.name for draw in space.draws] == [f"length[joint3].parameters{k}" for k in ("", "[1]", "[2]")]
+    assert [draw.scope for draw in space.draws] == list(Scope)
 
 
 def test_poses_by_name_in_order_and_by_default():
@@ -264,105 +179,38 @@ def test_poses_by_name_in_order_and_by_default():
         ErrorModel(chain, Space(), []).at()
 
 
-HALVINGS = (1.0, 0.5, 0.25, 0.125)
-
-
-def paper_model() -> ErrorModel:
-    return ErrorModel.load(PAPER_SHEET)
-
-
-def paper_model_with_random_masses() -> ErrorModel:
-    """Return the paper's arm with random payload, stiffness and compliance beside its tolerances."""
-    model = paper_model()
-    loaded = [
-        Payload(at="tool", mass=Uniform(0.2, mean=1.0), com=(Normal(0.02), Uniform(0.03), Normal(0.02))),
-        Beam(link="link2", EI=Uniform(800.0, mean=8000.0), GI=Normal(200.0, mean=4000.0), EA=1e7),
-        Beam(link="link3", EI=Uniform(800.0, mean=8000.0), GI=Normal(50.0, mean=1000.0)),
-    ]
-    rest = [source for source in model.sources if source.kind() not in ("payload", "beam")]
-    return ErrorModel(model.chain, named(model), [*rest, *loaded])
-
-
-CASES = {
-    "paper": (paper_model, PAPER_Q),
-    "paper, random masses": (paper_model_with_random_masses, PAPER_Q),
-    "seven joints": (lambda: everything(seven_joint_arm()), SEVEN_Q),
-    "seven joints that turn": (lambda: everything(seven_joint_arm(prismatic=())), SEVEN_Q),
-}
-
-
-@pytest.mark.parametrize("name", ["paper", "seven"])
-def test_superposition_is_of_second_order_without_gravity_and_with_zero_means(name):
-    if name == "paper":
-        loaded = paper_model()
-        chain = Chain.from_urdf(PAPER_SHEET.parent / "4dof.urdf", gravity=(0, 0, 0))
-        sources = [source for source in loaded.sources if source.kind() in ("length", "axis_install")]
-        model, q = ErrorModel(chain, named(loaded), sources), PAPER_Q
-    else:
-        chain = seven_joint_arm(gravity=(0, 0, 0))
-        model, q = ErrorModel(chain, Space(), geometry(chain)), SEVEN_Q
+def test_superposition_is_of_second_order_without_gravity_and_with_zero_means():
+    chain = seven_joint_arm(gravity=(0, 0, 0))
+    model = ErrorModel(chain, Space(), geometry(chain))
     np.testing.assert_array_equal(model.space.mean, 0)
-    at = model.at(q)
-    delta = spread_out(model, 1)
-    remainders = [np.linalg.norm(at.exact(s * delta[:, None]) - at.linear(s * delta[:, None])) for s in HALVINGS]
-    slope = np.polyfit(np.log2(HALVINGS), np.log2(remainders), 1)[0]
-    assert slope == pytest.approx(2.0, abs=0.05)
+    at = model.at(SEVEN_Q)
+    halvings, delta = np.array([1.0, 0.5, 0.25, 0.125]), spread_out(model, 1)[:, None]
+    remainders = np.linalg.norm(at.exact(delta * halvings) - at.linear(delta * halvings), axis=0)
+    assert np.polyfit(np.log2(halvings), np.log2(remainders), 1)[0] == pytest.approx(2.0, abs=0.05)
     np.testing.assert_allclose(at.jacobian, at.linear(np.eye(model.space.size)), rtol=1e-12, atol=1e-13)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_the_tangent_against_finite_differences(case):
+@pytest.mark.parametrize("name", ["paper", "seven joints", "seven joints that turn"])
+def test_the_tangent_against_finite_differences(name):
     """Fourth-order differences over a tenth of a deviation or so, every column to 1e-7 of its size."""
-    build, q = CASES[case]
-    model = build()
-    check_columns(model, model.at(q))
-
-
-def check_columns(model: ErrorModel, at) -> None:
-    mean = model.space.mean
+    prismatic = () if name.endswith("turn") else (4,)
+    model = ErrorModel.load(PAPER_SHEET) if name == "paper" else everything(seven_joint_arm(prismatic=prismatic))
+    at, mean = model.at(PAPER_Q if name == "paper" else SEVEN_Q), model.space.mean
     np.testing.assert_array_equal(at.tangent[0], at.exact(mean[:, None])[:, 0])
     steps = np.maximum(np.abs(mean) * 1e-3, 1e-4)
     points = np.repeat(mean[:, None], 4 * model.space.size, axis=1)
     for k, step in enumerate(steps):
         points[k, 4 * k : 4 * k + 4] += step * np.array([-2, -1, 1, 2])
-    values = at.exact(points).reshape(6, -1, 4)
-    slopes = values @ np.array([1, -8, 8, -1]) / 12 / steps
-    for k, name in enumerate(model.space.components):
-        size = np.abs(slopes[:, k]).max()
-        np.testing.assert_allclose(at.jacobian[:, k], slopes[:, k], rtol=0, atol=max(1e-7 * size, 1e-12), err_msg=name)
-
-
-def test_products_of_three_factors_and_derived_parameters_have_their_slopes():
-    chain = seven_joint_arm(prismatic=())
-    space, sources = loads()
-    model = ErrorModel(chain, space, sources)
-    at = model.at(SEVEN_Q)
-    assert max(len(term.factors) for term in at.terms) == 3
-    assert len(at.table.program.operations) > 5
-    check_columns(model, at)
-    # at a parameter whose mean is zero, whose products have no other slope
-    zero = model.space.index["payload[tool]#2.com[1]"]
-    assert model.space.mean[zero] == 0
-    assert np.abs(at.jacobian[:, zero]).max() > 1e-5
+    slopes = at.exact(points).reshape(6, -1, 4) @ np.array([1, -8, 8, -1]) / 12 / steps
+    size = np.abs(slopes).max(axis=0)
+    worst = np.abs(at.jacobian - slopes) / np.maximum(1e-7 * size, 1e-12)
+    assert worst.max() <= 1, model.space.components[worst.max(axis=0).argmax()]
 
 
 def test_the_covariance_is_that_of_the_tangent():
     model = everything(seven_joint_arm())
     at = model.at(SEVEN_Q)
-    draws = np.linalg.cholesky(model.space.covariance + 1e-40 * np.eye(model.space.size))
     np.testing.assert_allclose(at.covariance, at.jacobian @ model.space.covariance @ at.jacobian.T, rtol=1e-14)
-    spread = at.jacobian @ draws
-    np.testing.assert_allclose(at.covariance, spread @ spread.T, rtol=1e-9)
-
-
-def test_without_gravity_no_load_displaces_anything():
-    chain = seven_joint_arm(gravity=(0, 0, 0))
-    space, laden = loads()
-    at = ErrorModel(chain, space, laden).at(SEVEN_Q)
-    x = at.space.sample(1, 0, 10)
-    np.testing.assert_array_equal(at.linear(x), 0)
-    np.testing.assert_allclose(at.exact(x), 0, atol=1e-14)
-    np.testing.assert_array_equal(at.jacobian, 0)
 
 
 @pytest.mark.parametrize(("half_width", "warned"), [(0.080, True), (0.093, False)])

@@ -1,4 +1,4 @@
-"""Beams in segments, and self-weight in its three ways, against finite elements and closed forms."""
+"""Beams in segments, and self-weight in its three ways, against Mohr's integrals and closed forms."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.places import Load
 from precision_pin.sources import Beam, JointCompliance
 from precision_pin.sources.profiles import Segment
+from support.checks.beam import integrals
 from support.checks.common import evaluated, one_link
-from support.oracles import Piece, cantilever
 from support.plain_robot import chain_of, joint, link, robot
 
 L = 1.7
 GRAVITY = np.array([3.0, -4.0, -8.0])
-ZERO = np.zeros(3)
+ZERO, AXES = np.zeros(3), np.eye(3)
 
 
-# where each step ends, then its rigidities in the order of Piece
+# where each step ends, then its GI, EI_y, EI_z, EA
 STEPS = ((0.5, (700.0, 900.0, 2500.0, 3e5)), (1.1, (400.0, 600.0, 600.0, 2e5)), (1.7, (100.0, 90.0, 250.0, 1e5)))
 
 
@@ -52,28 +52,27 @@ def point_load(reach: float, mass: float, arm) -> Load:
 POINTS = ((0.2, 1.1, (0.1, 0.0, 0.2)), (0.5, 2.0, ZERO), (0.8, 1.2, (0.1, -0.2, 0.3)), (1.7, 4.0, (0.2, 0.1, -0.1)))
 
 
+def cantilever(points, spread, steps=STEPS, axes=AXES) -> np.ndarray:
+    """Return the end's displacement by Mohr's integrals; ``points`` are (reach, force, moment), base axes."""
+    return integrals(points, spread, L, axes, steps)
+
+
 @pytest.mark.parametrize("roll", [0.0, 0.7])
-def test_steps_against_finite_elements(roll):
+def test_steps_against_mohrs_integrals(roll):
     """Loads before, at and behind the steps and at the tip, and weight along, in all three directions."""
     chain = one_link(length=L, gravity=tuple(GRAVITY), mass=3.0, com=(0.4, 0.1, 0.2))
-    loads = [point_load(*point) for point in POINTS]
-    total = terms_of(Beam(link="arm", segments=SEGMENTS, roll=roll), chain, loads)
+    total = terms_of(Beam(link="arm", segments=SEGMENTS, roll=roll), chain, [point_load(*point) for point in POINTS])
+    points = [(reach, mass * GRAVITY, np.cross(arm, mass * GRAVITY)) for reach, mass, arm in POINTS]
     axes = Rotation.from_euler("x", roll).as_matrix()
-    weight = axes.T @ GRAVITY * 3.0 / L
-    pieces = [Piece(end, rigidities, weight) for end, rigidities in STEPS]
-    points = [(reach, axes.T @ (mass * GRAVITY), axes.T @ np.cross(arm, mass * GRAVITY)) for reach, mass, arm in POINTS]
-    end = cantilever(pieces, points)
-    expected = np.concatenate([axes @ end[:3], axes @ end[3:]])
-    same_end(total, expected)
+    same_end(total, cantilever(points, [(0.0, L, 3.0 * GRAVITY)], axes=axes))
 
 
 @pytest.mark.parametrize("reach", [1.9, -0.3])
 def test_a_load_on_a_bracket_beyond_the_link_acts_through_its_end(reach):
     chain = one_link(length=L, gravity=tuple(GRAVITY))
     total = terms_of(Beam(link="arm", segments=SEGMENTS), chain, [point_load(reach, 2.0, (0.1, 0.2, 0.3))])
-    pieces = [Piece(end, rigidities, ZERO) for end, rigidities in STEPS]
     arm = np.array([reach - L + 0.1, 0.2, 0.3])
-    expected = cantilever(pieces, [(L, 2.0 * GRAVITY, np.cross(arm, 2.0 * GRAVITY))]) if reach > 0 else np.zeros(6)
+    expected = cantilever([(L, 2.0 * GRAVITY, np.cross(arm, 2.0 * GRAVITY))], []) if reach > 0 else np.zeros(6)
     np.testing.assert_allclose(total, expected, rtol=1e-7, atol=1e-15)
 
 
@@ -111,14 +110,13 @@ CENTRES = (
 MOTOR = (0.6, 0.7 * GRAVITY, np.cross([0.1, 0.05, 0.1], 0.7 * GRAVITY))
 
 
-def test_weight_at_the_centres_of_mass_against_finite_elements():
+def test_weight_at_the_centres_of_mass():
     """Each URDF link at the projection of its centre, with the moment of what it lies off the axis."""
     points = [MOTOR]
     for mass, centre in CENTRES:
         reach = min(centre[0], L)
         points.append((reach, mass * GRAVITY, np.cross(centre - [reach, 0, 0], mass * GRAVITY)))
-    expected = cantilever([Piece(end, rigidities, ZERO) for end, rigidities in STEPS], points)
-    same_end(terms_of(Beam(link="arm", self_weight="centre", segments=SEGMENTS), on_the_way()), expected)
+    same_end(terms_of(Beam(link="arm", self_weight="centre", segments=SEGMENTS), on_the_way()), cantilever(points, []))
 
 
 def carried_on_the_way():
@@ -138,24 +136,10 @@ def carried_on_the_way():
     return spread, points
 
 
-def with_spread(pieces, *spread) -> list[Piece]:
-    """Return pieces cut where weights (start, stop, force) that are spread evenly begin and end."""
-    cuts = sorted({piece.end for piece in pieces} | {x for start, stop, _ in spread for x in (start, stop) if x > 0})
-    result = []
-    for before, end in zip([0.0, *cuts], cuts, strict=False):
-        middle = (before + end) / 2
-        piece = next(piece for piece in pieces if middle < piece.end)
-        extra = [force / (stop - start) for start, stop, force in spread if start < middle < stop]
-        result.append(Piece(end, piece.rigidities, sum(extra, piece.weight)))
-    return result
-
-
 def test_uniform_weight_goes_along_its_own_link_and_what_is_bolted_on_acts_where_it_is():
-    total = terms_of(Beam(link="arm", segments=SEGMENTS), on_the_way())
     fore, points = carried_on_the_way()
     arm = (0.0, 0.8, CENTRES[0][0] * GRAVITY)
-    pieces = with_spread([Piece(end, rigidities, ZERO) for end, rigidities in STEPS], arm, fore)
-    same_end(total, cantilever(pieces, points))
+    same_end(terms_of(Beam(link="arm", segments=SEGMENTS), on_the_way()), cantilever(points, [arm, fore]))
 
 
 TUBES = ((0.6, 0.06, 0.003), (1.1, 0.05, 0.002))
@@ -166,21 +150,22 @@ def tubes(**settings) -> Beam:
     return Beam(link="arm", section="tube", material="aluminium", self_weight="section", segments=parts, **settings)
 
 
-def tube_pieces() -> list[Piece]:
-    pieces, end = [], 0.0
+def tube_parts():
+    """Return (end, rigidities) of the tubes, and (start, stop, weight)."""
+    steps, weights, start = [], [], 0.0
     for length, outer, wall in TUBES:
-        end += length
-        inner = outer - 2 * wall
+        inner, end = outer - 2 * wall, start + length
         second, area = np.pi / 64 * (outer**4 - inner**4), np.pi / 4 * (outer**2 - inner**2)
-        rigidities = (27e9 * 2 * second, 70e9 * second, 70e9 * second, 70e9 * area)
-        pieces.append(Piece(L if end > 1.6 else end, rigidities, 2700 * area * GRAVITY))
-    return pieces
+        steps.append((end, (27e9 * 2 * second, 70e9 * second, 70e9 * second, 70e9 * area)))
+        weights.append((start, end, 2700 * area * length * GRAVITY))
+        start = end
+    return steps, weights
 
 
 def test_weight_by_section_takes_the_place_of_the_links_own_mass():
     """What is bolted to it stays, on the way (fore, tool) and beside it (motor)."""
-    fore, points = carried_on_the_way()
-    same_end(terms_of(tubes(), on_the_way()), cantilever(with_spread(tube_pieces(), fore), points))
+    (fore, points), (steps, weights) = carried_on_the_way(), tube_parts()
+    same_end(terms_of(tubes(), on_the_way()), cantilever(points, [*weights, fore], steps))
 
 
 def test_weight_by_section_loads_the_joints_and_links_before_it_too():
@@ -188,10 +173,7 @@ def test_weight_by_section_loads_the_joints_and_links_before_it_too():
     chain = on_the_way()
     source = tubes()
     _, totals = evaluated(chain, [0.0], [source, JointCompliance(joint="hinge", compliance=1e-5)])
-    middles = (0.3, 1.15)
-    heavy = [np.linalg.norm(piece.weight) / np.linalg.norm(GRAVITY) for piece in tube_pieces()]
-    weights = [mass * length for mass, (length, *_) in zip(heavy, TUBES, strict=True)]
-    torque = sum(mass * middle * GRAVITY[1] for mass, middle in zip(weights, middles, strict=True))
+    torque = sum(weight[1] * (start + stop) / 2 for start, stop, weight in tube_parts()[1])
     torque += 0.7 * (0.7 * GRAVITY[1] - 0.05 * GRAVITY[0])
     torque += sum(mass * np.cross(centre, GRAVITY)[2] for mass, centre in CENTRES[1:])
     turn = next(total for target, total in totals.items() if total.shape == (1,))
@@ -213,10 +195,10 @@ def test_two_beams_that_give_one_link_its_weight_are_refused():
         ErrorModel(chain, Space(), [tubes(), other]).at([0.0])
 
 
-def test_gravity_off_leaves_nothing_of_any_weight():
-    for weight in ("uniform", "centre", "section"):
-        source = Beam(link="arm", section="rod", diameter=0.05, material="steel", self_weight=weight)
-        np.testing.assert_array_equal(terms_of(source, on_the_way(ZERO)), np.zeros(6))
+@pytest.mark.parametrize("weight", ["uniform", "centre", "section"])
+def test_gravity_off_leaves_nothing_of_any_weight(weight):
+    source = Beam(link="arm", section="rod", diameter=0.05, material="steel", self_weight=weight)
+    np.testing.assert_array_equal(terms_of(source, on_the_way(ZERO)), np.zeros(6))
 
 
 # --- lengths and names ---

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 
 import numpy as np
-import pinocchio
 from scipy.spatial.transform import Rotation
 
 from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator
@@ -73,40 +70,6 @@ def displaced_pose(chain: Chain, q, totals: Mapping[object, np.ndarray]) -> np.n
     return tip
 
 
-def virtual_joint_pose(chain: Chain, q, joint_errors, ends, seats) -> np.ndarray:
-    """Return the tip by Pinocchio: three virtual slides and a virtual ball joint at every link's end and seat.
-
-    ``ends`` and ``seats`` are ``(n+1, 6)``.
-    """
-    model = pinocchio.Model()
-    values: list[float] = []
-    parent, placement = 0, np.eye(4)
-    for i in range(len(chain.joints) + 1):
-        if i:
-            kind = pinocchio.JointModelPrismaticUnaligned if chain.prismatic[i - 1] else None
-            kind = kind or pinocchio.JointModelRevoluteUnaligned
-            parent = model.addJoint(parent, kind(np.array(chain.axes[i - 1])), pinocchio.SE3(placement), f"q{i}")
-            values.append(q[i - 1] + joint_errors[i - 1])
-        placement = chain.placements[i]
-        for name, error in (("end", ends[i]), ("seat", seats[i])):
-            for k, axis in enumerate(np.eye(3)):
-                parent = model.addJoint(
-                    parent,
-                    pinocchio.JointModelPrismaticUnaligned(axis),
-                    pinocchio.SE3(placement),
-                    f"{name}{i}.{'xyz'[k]}",
-                )
-                values.append(error[k])
-                placement = np.eye(4)
-            parent = model.addJoint(
-                parent, pinocchio.JointModelSpherical(), pinocchio.SE3.Identity(), f"{name}{i}.turn"
-            )
-            values.extend(Rotation.from_rotvec(error[3:]).as_quat())
-    data = model.createData()
-    pinocchio.forwardKinematics(model, data, np.array(values))
-    return data.oMi[parent].homogeneous
-
-
 def settled_errors(model: ErrorModel, q, x) -> np.ndarray:
     """Return the errors ``(6, N)`` of robots with component values ``(d, N)``, each at rest under its own loads."""
     nominal = ErrorModel(model.chain, model.space, model.sources, statics="nominal")
@@ -167,58 +130,6 @@ def ur5_branches(pose) -> list[np.ndarray]:
     return found
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A prismatic piece from the clamp on: its end, GI, EI_y, EI_z, EA and weight per length (beam axes)."""
-
-    end: float
-    rigidities: tuple[float, float, float, float]
-    weight: np.ndarray
-
-
-def cantilever(pieces: Sequence[Piece], points: Sequence[tuple[float, np.ndarray, np.ndarray]], elements: int = 100):
-    """Return the end's displacement ``[d; δ]``; ``points`` are (reach, force, moment), beam axes, SI.
-
-    Nodes stand at the ends of the pieces and where points are loaded; there cubic elements are exact.
-    """
-    length = pieces[-1].end
-    fixed = {0.0, *(piece.end for piece in pieces), *(reach for reach, _, _ in points)}
-    even = [k * length / elements for k in range(elements)]
-    nodes = sorted(fixed | {x for x in even if min(abs(x - other) for other in fixed) > 0.3 * length / elements})
-    stiffness, force = np.zeros((6 * len(nodes),) * 2), np.zeros(6 * len(nodes))
-    for k, (start, end) in enumerate(itertools.pairwise(nodes)):
-        piece = next(piece for piece in pieces if end <= piece.end)
-        rows = slice(6 * k, 6 * k + 12)
-        stiffness[rows, rows] += _element(end - start, *piece.rigidities)
-        force[rows] += _consistent(piece.weight, end - start)
-    for reach, push, turn in points:
-        node = nodes.index(reach)
-        force[6 * node : 6 * node + 3] += push
-        force[6 * node + 3 : 6 * node + 6] += turn
-    return np.linalg.solve(stiffness[6:, 6:], force[6:])[-6:]
-
-
-def _element(h: float, gi: float, ei_y: float, ei_z: float, ea: float) -> np.ndarray:
-    k = np.zeros((12, 12))
-    for i, value in ((0, ea / h), (3, gi / h)):
-        k[i, i] = k[i + 6, i + 6] = value
-        k[i, i + 6] = k[i + 6, i] = -value
-    for w, t, rigidity, s in ((1, 5, ei_z, h), (2, 4, ei_y, -h)):
-        bend = [[12, 6 * s, -12, 6 * s], [6 * s, 4 * h**2, -6 * s, 2 * h**2]]
-        bend += [[-12, -6 * s, 12, -6 * s], [6 * s, 2 * h**2, -6 * s, 4 * h**2]]
-        rows = [w, t, w + 6, t + 6]
-        k[np.ix_(rows, rows)] += rigidity / h**3 * np.array(bend)
-    return k
-
-
-def _consistent(weight: np.ndarray, h: float) -> np.ndarray:
-    f = np.zeros(12)
-    f[:3] = f[6:9] = weight * h / 2
-    f[[5, 11]] = weight[1] * h**2 / 12 * np.array([1, -1])
-    f[[4, 10]] = weight[2] * h**2 / 12 * np.array([-1, 1])
-    return f
-
-
 def torsion_constant(width: float, height: float, wall: float, cells: int) -> float:
     """Return J of a rectangular tube by bilinear elements for Prandtl's function, which is constant over the hole.
 
@@ -252,7 +163,7 @@ RIGIDITIES = np.array([[4000.0, 8000.0, 8000.0], [1000.0, 8000.0, 8000.0]])
 COMPLIANCE = 1e-5
 
 
-def rods_error(stiffness: float = 1.0, payload: float = 1.0, pieces: int = 20) -> np.ndarray:
+def rods_error(stiffness: float = 1.0, payload: float = 1.0, pieces: int = 10) -> np.ndarray:
     """Return the tool's error ``[d; δ]`` in base axes, all stiffness scaled by a factor, extrapolated in the pieces.
 
     The paper's arm under gravity. Links 2 and 3 are Kirchhoff rods (inextensible, no shear): curvature in the rod's own

@@ -110,18 +110,17 @@ def integrals(loads, spread, length, axes, rigidities) -> np.ndarray:
 
     δ = ∫ C M ds and d = ∫ C M × (tip - s) ds + ∫ N/EA ds, with C = R diag(1/GI, 1/EI_y, 1/EI_z) Rᵀ. ``loads`` are
     (reach, force, moment) about the point of the axis there, ``spread`` (start, stop, force) evenly between two points, or
-    one force along the whole; piecewise Gauss, so exact.
+    one force along the whole; ``rigidities`` those of the whole or (end, rigidities) of its parts; piecewise Gauss, so exact.
     """
     spread = [(0.0, length, spread)] if isinstance(spread, np.ndarray) else spread
-    gi, ei_y, ei_z, ea = rigidities
+    parts = rigidities if isinstance(rigidities[0], tuple) else [(length, rigidities)]
     x = axes[:, 0]
-    compliance = axes @ np.diag([1 / gi, 1 / ei_y, 1 / ei_z]) @ axes.T
     nodes, weights = np.polynomial.legendre.leggauss(6)
     total = np.zeros(6)
-    cuts = sorted(
-        {0.0, length, *(reach for reach, _, _ in loads), *(x for start, stop, _ in spread for x in (start, stop))}
-    )
-    for start, end in itertools.pairwise(cuts):
+    cuts = {0.0, *(part[0] for part in (*parts, *loads)), *(x for start, stop, _ in spread for x in (start, stop))}
+    for start, end in itertools.pairwise(sorted(x for x in cuts if 0 <= x <= length)):
+        gi, ei_y, ei_z, ea = next(own for stop, own in parts if start < stop)
+        compliance = axes @ np.diag([1 / gi, 1 / ei_y, 1 / ei_z]) @ axes.T
         for node, share in zip(nodes, weights, strict=True):
             s = start + (end - start) * (node + 1) / 2
             moment, force = np.zeros(3), np.zeros(3)
