@@ -6,12 +6,9 @@ One file reads the settings of sources, and each has its words.
 from __future__ import annotations
 
 import ast
-import io
 import json
 import re
 import sys
-import tokenize
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -25,7 +22,7 @@ from precision_pin.cli import main
 from precision_pin.pages.report.page import parameters
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import catalogue
-from support.package_code import FILES, PACKAGE, import_statements, tree
+from support.package_code import FILES, PACKAGE
 
 CODE = """
 from __future__ import annotations
@@ -178,55 +175,38 @@ HOMES = ("sources/", "export/scaffold.py", "model/error_model.py", "sheet/measur
 TEXTS = {path.relative_to(PACKAGE).as_posix(): path.read_text(encoding="utf-8") for path in FILES}
 OUTSIDE = [name for name in TEXTS if name.startswith(ABOVE) and not name.startswith(HOMES)]
 KINDS = catalogue()
+CATALOGUE = {f"from precision_pin.sources import catalogue{ending}" for ending in ("", " as catalogue")}
 OTHERS = {"covariance", "frame", "length", "mcpc", "table"}
 """Kinds that are keys of results and tables too, with classes whose names other things have too."""
 
 
-def texts(module: ast.Module) -> Iterator[str]:
-    """Yield the texts of a file that are not docstrings."""
-    nodes = list(ast.walk(module))
-    alone = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+def named(code: str) -> set[str]:
+    """Return the kinds and classes of sources that a file names outside comments and docstrings."""
+    long = {kind.__name__ for name, kind in KINDS.items() if name not in OTHERS} | {
+        kind for kind in KINDS if "_" in kind
+    }
+    short, found = KINDS.keys() - OTHERS, set()
+    if not set(re.findall(r"\w+", code)) & (long | short):
+        return found
+    nodes = list(ast.walk(ast.parse(code)))
+    docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     for node in nodes:
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
-            yield node.value
-
-
-def imports(name: str) -> Iterator[tuple[str, str]]:
-    """Yield modules and the names that are imported from them; of whole modules the name is empty."""
-    for node in import_statements(PACKAGE / name):
-        if isinstance(node, ast.ImportFrom):
-            yield from ((node.module or "", alias.name) for alias in node.names)
-        else:
-            yield from ((alias.name, "") for alias in node.names)
-
-
-def named(code: str, module: ast.Module) -> set[str]:
-    """Return the kinds and classes of sources that a file names."""
-    classes = {kind.__name__ for name, kind in KINDS.items() if name not in OTHERS}
-    long = classes | {kind for kind in KINDS if "_" in kind}
-    found = set(re.findall(r"\w+", code))
-    if not found & (long | KINDS.keys() - OTHERS):
-        return set()
-    if (
-        found := found & long
-    ):  # taking a file apart is slow: only where a word is there at all, and may stand in a comment
-        read = io.StringIO(code).readline
-        found &= {entry.string for entry in tokenize.generate_tokens(read) if entry.type == tokenize.NAME}
-    for text in texts(module):
-        # sentences may hold words of the field; what is one word, or begins a label, is a kind
-        words = {text, text.partition("[")[0]} - OTHERS
-        found |= (words & set(KINDS)) | (set(re.findall(r"\w+", text)) & long)
+        for text in (
+            value for _, value in ast.iter_fields(node) if isinstance(value, str) and id(node) not in docstrings
+        ):
+            found |= set(re.findall(r"\w+", text)) & long
+            if isinstance(node, ast.Constant):
+                # sentences may hold words of the field; what is one word, or begins a label, is a kind
+                found |= {text, text.partition("[")[0]} & short
     return found
 
 
 @pytest.mark.slow
 def test_no_file_outside_its_home_names_a_source():
     assert len(OUTSIDE) > 100
-    assert {name: kinds for name in OUTSIDE if (kinds := named(TEXTS[name], tree(PACKAGE / name)))} == {}
-    imported = {
-        name: [what for module, what in imports(name) if module.startswith("precision_pin.sources")] for name in OUTSIDE
-    }
-    assert {name: what for name, what in imported.items() if not set(what) <= {"catalogue"}} == {}
+    assert {name: kinds for name in OUTSIDE if (kinds := named(TEXTS[name]))} == {}
+    imported = {name: re.findall(r"(?:from|import) precision_pin\.sources.*", TEXTS[name]) for name in OUTSIDE}
+    assert {name: what for name, what in imported.items() if not set(what) <= CATALOGUE} == {}
     assert [name for name, code in TEXTS.items() if name.startswith("pages/") and "precision_pin.sources" in code] == []
 
 
@@ -241,34 +221,16 @@ def test_no_file_outside_its_home_names_a_source():
     ],
 )  # fmt: skip
 def test_a_file_that_names_a_source_would_be_found(line):
-    assert named(line, ast.parse(line))
+    assert named(line)
 
 
-def reflects(name: str) -> bool:
-    calls = {what for module, what in imports(name) if module in ("typing", "dataclasses")} & {
-        "get_type_hints",
-        "fields",
-    }
-    return bool(
-        calls or re.search(r"get_type_hints|dataclasses\.fields|__dataclass_fields__|__annotations__", TEXTS[name])
-    )
-
-
-@pytest.mark.slow
 def test_one_file_reflects_over_sources():
-    assert [name for name, code in TEXTS.items() if "get_type_hints" in code] == ["terms/source.py"]
-    knowing = [
-        name
-        for name in TEXTS
-        if any(
-            module.startswith(("precision_pin.sources", "precision_pin.terms"))
-            or what in ("Source", "catalogue", "Sheet")
-            for module, what in imports(name)
-        )
-        or name.startswith(("sources/", "terms/"))
-    ]
+    knows = re.compile(r"(from|import) precision_pin\.(sources|terms)|import .*\b(Source|catalogue|Sheet)\b")
+    reflects = r"get_type_hints|dataclasses\.fields|from dataclasses .*\bfields\b|__dataclass_fields__|__annotations__"
+    knowing = [name for name, code in TEXTS.items() if name.startswith(("sources/", "terms/")) or knows.search(code)]
     assert len(knowing) > 30
-    assert [name for name in knowing if reflects(name)] == ["terms/source.py"]
+    assert [name for name in knowing if re.search(reflects, TEXTS[name])] == ["terms/source.py"]
+    assert [name for name, code in TEXTS.items() if "get_type_hints" in code] == ["terms/source.py"]
 
 
 # --- words ---
@@ -301,22 +263,26 @@ def test_draws_are_named_as_a_reader_would(tmp_path) -> None:
     path = tmp_path / "words.errors.yaml"
     path.write_text(WORDS, encoding="utf-8")
     model = pp.ErrorModel.load(path)
-    pairs = zip(model.space.draws, model.draw_words, strict=True)
-    found = {draw.name: (words, draw.tolerance) for draw, words in pairs}
-    assert found["a1"] == ("a1 (length to joint2 and 1 more)", "±0.05 mm")
-    assert found["a2"] == ("a2 (length to joint4)", "±0.02 mm")
-    assert found["length[joint4].parameters[2]"] == ("length to joint4 (3)", "±0.1 mm")
-    assert found["k"] == ("k (zero of joint1)", "σ 10 arcsec")
-    # a half-width of three standard deviations, or of as many as the sheet says
-    assert found["t"] == ("t (zero of joint2)", "±0.01° (σ 0.0033°)")
-    assert found["t2"] == ("t2 (length to joint3)", "±0.06 mm (σ 0.03 mm)")
-    assert found["frame[joint3].rz"] == ("tilt of joint3 about z", "±0.02 deg")
-    assert found["frame[joint3].x"] == ("position of joint3 along x", "±4 um")
-    assert found["axis_install[joint1].A"] == ("axis of joint1, bearing A", "radius 0.1 mm")
-    assert found["payload[tool].mass"] == ("payload mass at tool", "±0.05 kg")
-    # what is drawn is a direction; the clearance itself is one number
-    assert found["clearance[joint2].A"] == ("play in bearing A of joint2", "")
-    assert found["joint_offset[joint4].offset"] == ("zero of joint4", "σ 0.1 mrad")
+    found = {
+        draw.name: (words, draw.tolerance) for draw, words in zip(model.space.draws, model.draw_words, strict=True)
+    }
+    expected = {
+        "a1": ("a1 (length to joint2 and 1 more)", "±0.05 mm"),
+        "a2": ("a2 (length to joint4)", "±0.02 mm"),
+        "length[joint4].parameters[2]": ("length to joint4 (3)", "±0.1 mm"),
+        "k": ("k (zero of joint1)", "σ 10 arcsec"),
+        # a half-width of three standard deviations, or of as many as the sheet says
+        "t": ("t (zero of joint2)", "±0.01° (σ 0.0033°)"),
+        "t2": ("t2 (length to joint3)", "±0.06 mm (σ 0.03 mm)"),
+        "frame[joint3].rz": ("tilt of joint3 about z", "±0.02 deg"),
+        "frame[joint3].x": ("position of joint3 along x", "±4 um"),
+        "axis_install[joint1].A": ("axis of joint1, bearing A", "radius 0.1 mm"),
+        "payload[tool].mass": ("payload mass at tool", "±0.05 kg"),
+        # what is drawn is a direction; the clearance itself is one number
+        "clearance[joint2].A": ("play in bearing A of joint2", ""),
+        "joint_offset[joint4].offset": ("zero of joint4", "σ 0.1 mrad"),
+    }
+    assert expected.items() <= found.items()
 
 
 def test_words_are_of_settings_that_there_are() -> None:

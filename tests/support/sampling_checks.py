@@ -13,7 +13,6 @@ occasions) is that of the design's section on random numbers. Laws are inverted 
 from __future__ import annotations
 
 import hashlib
-import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -110,32 +109,6 @@ class Marginal:
         return cls(name, None, mean, math.sqrt(second), fourth / second**2, values=values)
 
 
-@dataclass(frozen=True)
-class Lines:
-    """A table of quantiles with straight lines between: what of scipy.stats is needed."""
-
-    table: tuple[tuple[float, float], ...]
-
-    def cdf(self, x: Array) -> Array:
-        p, q = np.array(self.table).T
-        return np.interp(x, q, p)
-
-    def ppf(self, u: float) -> float:
-        p, q = np.array(self.table).T
-        return float(np.interp(u, p, q))
-
-    def isf(self, u: float) -> float:
-        return self.ppf(1 - u)
-
-    def moment(self, k: int) -> float:
-        """About zero, by Gauss's rule on every line, exact."""
-        nodes, weights = np.polynomial.legendre.leggauss(4)
-        total = 0.0
-        for (p, x), (q, y) in itertools.pairwise(self.table):
-            total += (q - p) / 2 * float(weights @ (x + (y - x) * (nodes + 1) / 2) ** k)
-        return total
-
-
 def marginals(space: Space) -> Iterator[Marginal]:
     """Yield the expected distribution of each component, by row."""
     for draw in space.draws:
@@ -175,10 +148,10 @@ def _marginal(name: str, law: laws.Law, k: int) -> Marginal:
         case laws.TwoPoint(half_width=t, centre=centre, probability=p):
             return Marginal.discrete(name, ((centre - t, 1 - p), (centre + t, p)))
         case laws.Empirical(quantiles=table):
-            mean = Lines(table).moment(1)
-            centred = Lines(tuple((p, x - mean) for p, x in table))
-            second, fourth = centred.moment(2), centred.moment(4)
-            return Marginal(name, Lines(table), mean, math.sqrt(second), fourth / second**2, symmetric=False)
+            shares, ends = np.array(table).T
+            frozen = stats.rv_histogram((np.diff(shares), ends), density=False)
+            kurtosis = float(frozen.stats(moments="k")) + 3
+            return Marginal(name, frozen, float(frozen.mean()), float(frozen.std()), kurtosis, symmetric=False)
         case laws.Rows(table=rows):
             column = [row[k] for row in rows]
             counts = tuple((x, column.count(x) / len(column)) for x in sorted(set(column)))
@@ -371,28 +344,17 @@ def occasion(scope: Scope, pose: int, visit: int) -> int:
 
 def reference_quantile(law: laws.Law, u: float) -> float:
     """Inverse of a scalar law's distribution function, by scipy.stats."""
-    match law:
-        case laws.Fixed(mean=mean):
-            return mean
-        case laws.Uniform(half_width=t, mean=mean):
-            return float(stats.uniform.ppf(u, mean - t, 2 * t))
-        case laws.Triangular(half_width=t, mean=mean):
-            return float(stats.triang.ppf(u, 0.5, mean - t, 2 * t))
-        case laws.TruncatedNormal(std=std, mean=mean, k=k):
-            # scipy loses digits in the upper tail only
-            lower = float(stats.truncnorm.ppf(min(u, 1 - u), -k, k, 0.0, std))
-            return mean + (lower if u <= 0.5 else -lower)
-        case laws.Arcsine(half_width=t, mean=mean):
-            lower = float(stats.arcsine.ppf(min(u, 1 - u), -t, 2 * t))
-            return mean + (lower if u <= 0.5 else -lower)
-        case laws.TwoPoint(half_width=t, centre=centre, probability=probability):
-            return centre - t if u <= 1 - probability else centre + t
-        case laws.Empirical(quantiles=table):
-            for (p, x), (q, y) in itertools.pairwise(table):
-                if p <= u < q:
-                    return x + (y - x) * (u - p) / (q - p)
-            return table[-1][1]
-    raise AssertionError(law)
+    expected = _marginal("", law, 0)
+    if isinstance(law, laws.TwoPoint):
+        (low, share), (high, _) = expected.values
+        return low if u <= share else high
+    if expected.law is None:
+        return expected.mean
+    if not expected.symmetric:
+        return float(expected.law.ppf(u))
+    # scipy loses digits in some upper tails
+    lower = float(expected.law.ppf(min(u, 1 - u)))
+    return lower if u <= 0.5 else 2 * expected.mean - lower
 
 
 def reference_unit(space: Space, seed: int, number: int, pose: int = 0, visit: int = 0) -> Array:
