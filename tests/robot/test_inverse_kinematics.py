@@ -12,7 +12,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.inverse_kinematics import inverse_kinematics
 from support.oracles import ur5_branches, ur5_pose
-from support.plain_robot import chain_of, joint, link, robot
+from support.plain_robot import chain_of, joint, limits, link, planar_arm, robot
 
 
 @pytest.fixture(scope="module")
@@ -63,19 +63,6 @@ def test_solutions_do_not_depend_on_the_other_poses(ur5):
     np.testing.assert_array_equal(own, turned.q[:, turned.node == 1])
 
 
-def planar_arm(lower: float) -> Chain:
-    """Return two links of half a metre in a plane; the elbow turns from ``lower`` to 3 rad."""
-    limits = f'<limit lower="{lower}" upper="3" effort="1" velocity="1"/>'
-    return chain_of(
-        robot(
-            link("base"), link("upper"), link("lower"), link("tool"),
-            joint("shoulder", "revolute", "base", "upper"),
-            joint("elbow", "revolute", "upper", "lower", (0.5, 0, 0), extra=limits),
-            joint("flange", "fixed", "lower", "tool", (0.5, 0, 0)),
-        )
-    )  # fmt: skip
-
-
 def at(x: float, y: float, z: float = 0.0) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, 3] = x, y, z
@@ -85,7 +72,7 @@ def at(x: float, y: float, z: float = 0.0) -> np.ndarray:
 def test_statuses_of_a_planar_arm_by_hand():
     # elbow up or down at a right angle, stretched, too far, out of the plane
     wanted = np.moveaxis([at(0.5, 0.5), at(0.6, 0.8), at(1.1, 0), at(0.5, 0.5, 0.1)], 0, -1)
-    found = inverse_kinematics(planar_arm(-3), wanted, task="position")
+    found = inverse_kinematics(planar_arm(elbow=(-3, 3)), wanted, task="position")
     poses = found.poses(("square", "far", "farther", "above"), branches="all")
     assert poses.names == ("square branch 0", "square branch 1", "far branch 0", "farther", "above")
     assert poses.status == ("reached",) * 3 + ("unreachable",) * 2
@@ -97,17 +84,16 @@ def test_statuses_of_a_planar_arm_by_hand():
     np.testing.assert_array_equal(poses.position[:, 3], [1.1, 0, 0])
     assert found.poses().known.tolist() == [True, True, False, False]
     # the elbow may turn neither way, or one way only
-    assert inverse_kinematics(planar_arm(2), wanted[:, :, 0], task="position").poses().status == ("limit",)
-    one = inverse_kinematics(planar_arm(1), wanted[:, :, 0], task="position")
+    assert inverse_kinematics(planar_arm(elbow=(2, 3)), wanted[:, :, 0], task="position").poses().status == ("limit",)
+    one = inverse_kinematics(planar_arm(elbow=(1, 3)), wanted[:, :, 0], task="position")
     np.testing.assert_allclose(one.q[:, 0], [0, right], atol=1e-9)
 
 
 def test_a_sliding_joint_and_the_tool_axis_alone():
-    limits = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
     arm = chain_of(
         robot(
             link("base"), link("carriage"), link("turret"), link("tool"),
-            joint("rail", "prismatic", "base", "carriage", axis=(1, 0, 0), extra=limits),
+            joint("rail", "prismatic", "base", "carriage", axis=(1, 0, 0), extra=limits(-2, 2)),
             joint("tilt", "revolute", "carriage", "turret", (0, 0, 0.7), axis=(0, 1, 0)),
             joint("roll", "revolute", "turret", "tool", (0, 0, 0.3)),
         )
@@ -131,7 +117,7 @@ def test_more_joints_than_constraints_stay_within_their_limits():
             link("base"), *(link(f"link{k}") for k in range(5)),
             *(
                 joint(f"joint{k}", "revolute", "base" if not k else f"link{k - 1}", f"link{k}", (0.3 * (k > 0), 0, 0),
-                      axis=(0, 0, 1) if k % 2 else (0, 1, 0), extra='<limit lower="-1" upper="1" effort="1" velocity="1"/>')
+                      axis=(0, 0, 1) if k % 2 else (0, 1, 0), extra=limits(-1, 1))
                 for k in range(4)
             ),
             joint("flange", "fixed", "link3", "link4", (0.3, 0, 0)),
@@ -144,7 +130,9 @@ def test_more_joints_than_constraints_stay_within_their_limits():
     assert np.abs(long.at_columns(found.q).pose[:3, 3] - long.at(q).pose[:3, 3, None]).max() < 1e-9
     # only folded back on itself does the tip come so near
     assert inverse_kinematics(long, at(0.1, 0, 0.05), task="position").poses().status == ("limit",)
-    assert inverse_kinematics(planar_arm(0.1), at(0, 0, 9), task="position").poses().status == ("unreachable",)
+    assert inverse_kinematics(planar_arm(elbow=(0.1, 3)), at(0, 0, 9), task="position").poses().status == (
+        "unreachable",
+    )
 
 
 @pytest.mark.parametrize(
@@ -160,6 +148,6 @@ def test_more_joints_than_constraints_stay_within_their_limits():
 )  # fmt: skip
 def test_wrong_calls_are_refused(given, message):
     with pytest.raises(InputError, match=message):
-        inverse_kinematics(planar_arm(-3), **given)
+        inverse_kinematics(planar_arm(elbow=(-3, 3)), **given)
     with pytest.raises(InputError, match="2 names for 1 wanted poses"):
-        inverse_kinematics(planar_arm(-3), at(0.5, 0.5), task="position").poses(("one", "two"))
+        inverse_kinematics(planar_arm(elbow=(-3, 3)), at(0.5, 0.5), task="position").poses(("one", "two"))

@@ -15,34 +15,7 @@ from precision_pin.robot.configurations import approaches_along, read_approach, 
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet, smallest_singular_values
 from support.oracles import ur5_branches, ur5_pose
-from support.plain_robot import chain_of, joint, link, robot
-
-
-def gantry() -> Chain:
-    """Return a table that slides along x and y and lifts along z, with a turning tool."""
-    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
-    return chain_of(
-        robot(
-            link("base"), link("bridge"), link("carriage"), link("ram"), link("tool"),
-            joint("x", "prismatic", "base", "bridge", axis=(1, 0, 0), extra=limits),
-            joint("y", "prismatic", "bridge", "carriage", axis=(0, 1, 0), extra=limits),
-            joint("z", "prismatic", "carriage", "ram", axis=(0, 0, 1), extra=limits),
-            joint("c", "revolute", "ram", "tool", axis=(0, 0, 1), extra=limits),
-        )
-    )  # fmt: skip
-
-
-def arm(*, half: float = 0.5, shoulder: float = 1, elbow: str = "") -> Chain:
-    """Return a planar arm with two links of half a metre; the shoulder turns by ± so much."""
-    limit = f'<limit lower="-{shoulder}" upper="{shoulder}" effort="1" velocity="1"/>'
-    return chain_of(
-        robot(
-            link("base"), link("upper"), link("lower"), link("tool"),
-            joint("shoulder", "revolute", "base", "upper", extra=limit),
-            joint("elbow", "revolute", "upper", "lower", (half, 0, 0), extra=elbow),
-            joint("flange", "fixed", "lower", "tool", (half, 0, 0)),
-        )
-    )  # fmt: skip
+from support.plain_robot import chain_of, gantry, joint, limits, link, planar_arm, robot
 
 
 def test_a_joint_grid_has_every_combination_the_last_joint_first():
@@ -94,7 +67,7 @@ def test_every_node_of_a_ur5_is_reached_with_its_branches():
 
 
 def test_best_and_worst_compare_the_poses_of_a_node():
-    planar = arm(shoulder=3, elbow='<limit lower="-3" upper="0.5" effort="1" velocity="1"/>')
+    planar = planar_arm(shoulder=3, elbow=(-3, 0.5))
     # nearly stretched; at a right angle, which the elbow allows on one side; folded a little; too far
     places = np.array([[0.999999, 0.5, 0.98, 0], [0, 0.5, 0, 2], [0] * 4])
     poses = pp.place_grid(planar, places, pp.Orientation.free(), branches="all")
@@ -189,7 +162,7 @@ def test_wrong_grids_are_refused(make, message):
 @pytest.mark.parametrize("half", [0.5, 500.0])
 def test_smallest_singular_value_by_hand(half):
     # straight: levers 1 and 1/2 of the length, so Jᵀ J = [[2, 3/2], [3/2, 5/4]]; the size of the arm does not matter
-    found = smallest_singular_values(arm(half=half), np.zeros((2, 1)))
+    found = smallest_singular_values(planar_arm(half=half), np.zeros((2, 1)))
     assert found == pytest.approx([math.sqrt((3.25 - math.sqrt(3.25**2 - 4 * 0.25)) / 2)], rel=1e-12)
 
 
@@ -207,7 +180,7 @@ def test_two_coaxial_joints_are_singular():
 
 def test_statuses_positions_and_selection():
     q = np.array([[0.0, 1.5, 0.5], [0.0, 0.0, math.pi / 2]])
-    poses = PoseSet.at(arm(), q, ("home", "", "bent"), times=np.array([0.0, 1.0, 2.0]))
+    poses = PoseSet.at(planar_arm(shoulder=1), q, ("home", "", "bent"), times=np.array([0.0, 1.0, 2.0]))
     assert poses.status == ("reached", "limit", "reached")
     assert poses.labels == ["home", "pose 2", "bent"]
     assert (poses.branch == NO_BRANCH).all()
@@ -288,12 +261,11 @@ def test_from_the_poses_before() -> None:
 
 @pytest.fixture(scope="module")
 def chain() -> Chain:
-    limits = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
     return chain_of(
         robot(
             link("base"), link("carriage"), link("tool"),
-            joint("rail", "prismatic", "base", "carriage", axis=(1, 0, 0), extra=limits),
-            joint("swing [old]", "revolute", "carriage", "tool", (0, 0, 0.5), axis=(0, 1, 0), extra=limits),
+            joint("rail", "prismatic", "base", "carriage", axis=(1, 0, 0), extra=limits(-1, 1)),
+            joint("swing [old]", "revolute", "carriage", "tool", (0, 0, 0.5), axis=(0, 1, 0), extra=limits(-1, 1)),
         )
     )  # fmt: skip
 

@@ -18,6 +18,7 @@ from precision_pin.robot import urdf
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.urdf import gripper_joint, likeliest_tip, parse
+from support import plain_robot
 from support.plain_robot import random_arm
 
 MOVING = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/>{3}</joint>'
@@ -166,17 +167,10 @@ TIPS = {
 
 def tree(*joints: str) -> urdf.Robot:
     """Return a robot of joints written as ``parent name child kind``, each 0.1 m long."""
-    names = dict.fromkeys(name for joint in joints for name in joint.split()[::2][:2])
-    links = "".join(f'<link name="{name}"/>' for name in names)
-    lines = []
-    for joint in joints:
-        parent, name, child, kind = joint.split()
-        limit = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind == "revolute" else ""
-        lines.append(
-            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="0.1 0 0"/>{limit}</joint>'
-        )
-    return urdf.parse(f'<robot name="r">{links}{"".join(lines)}</robot>'.encode(), "r.urdf")
+    rows = [joint.split() for joint in joints]
+    links = dict.fromkeys(name for parent, _, child, _ in rows for name in (parent, child))
+    parts = (plain_robot.joint(name, kind, parent, child, (0.1, 0, 0)) for parent, name, child, kind in rows)
+    return urdf.parse(plain_robot.robot(*map(plain_robot.link, links), *parts).encode(), "r.urdf")
 
 
 @pytest.mark.parametrize("name", TIPS)

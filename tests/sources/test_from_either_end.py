@@ -10,24 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from precision_pin import Chain, ErrorModel, Space, Uniform
-from precision_pin.sources import (
-    AxisInstall,
-    Backlash,
-    Beam,
-    BearingStiffness,
-    Clearance,
-    Encoder,
-    JointCompliance,
-    JointOffset,
-    Payload,
-    Thermal,
-    Transmission,
-)
+from precision_pin import Chain, ErrorModel, Space, Uniform, sources
 from precision_pin.sources.places import direction_of
 from precision_pin.sources.profiles import Segment
 from support.checks.beam import integrals
-from support.checks.common import evaluated, in_base
+from support.checks.common import evaluated, in_base, one_link
 from support.plain_robot import PlainRobot, chain_of, joint, link, robot, unit
 
 GRAVITY = np.array([2.0, -3.0, -8.0])
@@ -80,30 +67,30 @@ def mean_errors(chain: Chain, source) -> np.ndarray:
 
 TAPER = (Segment(length=0.1, EI_y=30.0, EI_z=90.0, GI=50.0, EA=1e4), Segment(EI_y=500.0, EI_z=150.0, GI=80.0, EA=2e4))
 LOADED = (
-    *(JointCompliance(joint=name, compliance=1e-4) for name in Q),
-    *(Transmission(joint=name, stiffness=2e4) for name in Q),
-    *(Backlash(joint=name, backlash=1e-3, band=1e-6) for name in Q),
+    *(sources.JointCompliance(joint=name, compliance=1e-4) for name in Q),
+    *(sources.Transmission(joint=name, stiffness=2e4) for name in Q),
+    *(sources.Backlash(joint=name, backlash=1e-3, band=1e-6) for name in Q),
     *(
-        BearingStiffness(joint=name, radial=1e6, axial=None if name == "slide" else 3e6, tilt=2e4, centre=0.07)
+        sources.BearingStiffness(joint=name, radial=1e6, axial=None if name == "slide" else 3e6, tilt=2e4, centre=0.07)
         for name in Q
     ),
-    BearingStiffness(joint="slide", radial=1e6, tilt=2e4, roll=1e4, centre=-0.03, pads_on="parent"),
-    *(Clearance(joint=name, diametral=(1e-4, 3e-4), span=0.1, start=0.03, band=1e-6) for name in Q),
-    Clearance(joint="slide", diametral=(1e-4, 3e-4), span=0.1, start=0.03, band=1e-6, pads_on="parent"),
-    Clearance(joint="joint2", diametral=(1e-4,), axial=2e-4, span=0.1, start=0.03, band=1e-6),
-    *(Beam(link=name, EI_y=300.0, EI_z=900.0, GI=80.0, EA=1e4, roll=0.4) for name in ("base", "tool")),
-    *(Beam(link=name, segments=TAPER, roll=-0.7) for name in ("base", "link1", "half2", "link3", "tool")),
+    sources.BearingStiffness(joint="slide", radial=1e6, tilt=2e4, roll=1e4, centre=-0.03, pads_on="parent"),
+    *(sources.Clearance(joint=name, diametral=(1e-4, 3e-4), span=0.1, start=0.03, band=1e-6) for name in Q),
+    sources.Clearance(joint="slide", diametral=(1e-4, 3e-4), span=0.1, start=0.03, band=1e-6, pads_on="parent"),
+    sources.Clearance(joint="joint2", diametral=(1e-4,), axial=2e-4, span=0.1, start=0.03, band=1e-6),
+    *(sources.Beam(link=name, EI_y=300.0, EI_z=900.0, GI=80.0, EA=1e4, roll=0.4) for name in ("base", "tool")),
+    *(sources.Beam(link=name, segments=TAPER, roll=-0.7) for name in ("base", "link1", "half2", "link3", "tool")),
 )
 STILL = (
-    *(JointOffset(joint=name, offset=1e-3) for name in Q),
-    *(Encoder(joint=name, offset=1e-3) for name in Q),
-    Encoder(joint="slide", scale=1e-3),
-    Transmission(joint="slide", lead_error=1e-3),
+    *(sources.JointOffset(joint=name, offset=1e-3) for name in Q),
+    *(sources.Encoder(joint=name, offset=1e-3) for name in Q),
+    sources.Encoder(joint="slide", scale=1e-3),
+    sources.Transmission(joint="slide", lead_error=1e-3),
     *(
-        Thermal(link=name, expansion=1e-5, temperature_change=20.0, gradient=50.0, across="-y of joint2")
+        sources.Thermal(link=name, expansion=1e-5, temperature_change=20.0, gradient=50.0, across="-y of joint2")
         for name in ("base", "link1", "half2", "tool")
     ),
-    Thermal(link="link1", expansion=1e-5, gradient=50.0, across="axis of slide"),
+    sources.Thermal(link="link1", expansion=1e-5, gradient=50.0, across="axis of slide"),
 )
 
 
@@ -120,11 +107,11 @@ def test_what_gives_under_a_load_or_errs_without_one_does_the_same_from_either_e
 
 
 SCATTERED = (
-    *(AxisInstall(joint=name, radius=1e-4, span=0.1, start=0.3) for name in Q),
-    *(Clearance(joint=name, diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random") for name in Q),
-    Clearance(joint="slide", diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random", pads_on="parent"),
-    Transmission(joint="joint2", amplitude=(1e-3, 2e-3), order=(3.0, 50.0)),
-    Encoder(joint="joint4", resolution=1e-3, eccentricity=1e-5, radius=0.02),
+    *(sources.AxisInstall(joint=name, radius=1e-4, span=0.1, start=0.3) for name in Q),
+    *(sources.Clearance(joint=name, diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random") for name in Q),
+    sources.Clearance(joint="slide", diametral=(1e-4, 3e-4), span=0.1, start=0.3, direction="random", pads_on="parent"),
+    sources.Transmission(joint="joint2", amplitude=(1e-3, 2e-3), order=(3.0, 50.0)),
+    sources.Encoder(joint="joint4", resolution=1e-3, eccentricity=1e-5, radius=0.02),
 )
 
 
@@ -132,7 +119,7 @@ SCATTERED = (
 def test_what_scatters_scatters_the_same_from_either_end(source):
     """At a pose, and together at two: points that are fixed in one link are so from either end."""
     other = {key: value + 0.7 for key, value in Q.items()}
-    for poses in ((Q, Q), (Q, other))[: 1 if isinstance(source, Clearance) else 2]:
+    for poses in ((Q, Q), (Q, other))[: 1 if isinstance(source, sources.Clearance) else 2]:
         found = []
         for chain in chains():
             one, two = (ErrorModel(chain, Space(), [source]).at(q) for q in poses)
@@ -214,7 +201,7 @@ def test_a_branch_loads_the_beam_where_its_joint_stands_whichever_way_it_is_writ
     """Against Mohr's integrals: the stand at 0.8 of 1.7 m, with the moment of its own centre; the body along it."""
     text = two_arms(way)
     chain = chain_of(text, base="left_arm", tip="right_arm", gravity=tuple(GRAVITY))
-    at, totals = evaluated(chain, [0.0, 0.0], [Beam(link="body", EI=700.0, GI=300.0, EA=1e5)])
+    at, totals = evaluated(chain, [0.0, 0.0], [sources.Beam(link="body", EI=700.0, GI=300.0, EA=1e5)])
     turn = Rotation.from_euler("xyz", BOLT[1])
     stand = turn.inv().apply(np.array(STAND[1]) - BOLT[0])
     mass, arm_centre = 4.0, np.array([0.9 + 0.4, 0.1, 0.0])
@@ -253,7 +240,7 @@ def test_a_body_is_the_links_own_whichever_way_the_file_is_written():
             np.testing.assert_allclose(
                 np.sort(np.abs(there[name])), np.sort(np.abs(np.array(span) - along)), atol=1e-15
             )
-    at, totals = evaluated(chain, [0.0, 0.0], [Beam(link="motor", EI=700.0, GI=300.0, EA=1e5)])
+    at, totals = evaluated(chain, [0.0, 0.0], [sources.Beam(link="motor", EI=700.0, GI=300.0, EA=1e5)])
     weight = np.array([0.0, 0.0, -9.81])
     spread = [(0.1, 0.3, 3.0 * weight), (0.3, 1.0, 2.0 * weight)]
     expected = integrals([], spread, 1.0, np.diag([-1.0, 1.0, -1.0]), (300.0, 700.0, 700.0, 1e5))
@@ -263,20 +250,11 @@ def test_a_body_is_the_links_own_whichever_way_the_file_is_written():
 @pytest.mark.parametrize("reach", [0.0, 0.4, 1.0, 1.3])
 def test_a_payload_on_the_way_bends_the_beam_where_its_centre_of_mass_is(reach):
     """On the arm's own frame, which is the clamp: F a²(3l - a)/6EI, through the end from beyond it."""
-    text = robot(
-        link("base"),
-        joint("hinge", "revolute", "base", "arm"),
-        link("arm"),
-        joint("f", "fixed", "arm", "tool", (1, 0, 0)),
-        link("tool"),
-    )
-    beam, expected = Beam(link="arm", EI=8000.0), min(reach, 1.0)
+    beam, expected = sources.Beam(link="arm", EI=8000.0), min(reach, 1.0)
     expected = expected**2 * (3 - expected) / 6 + (reach - expected) * expected / 2
-    hung = Payload(at="arm", mass=2.0, com=(Uniform(0.1, mean=reach), 0.0, 0.0))
-    for chain, sources in (
-        (chain_of(text).with_payload(2.0, (reach, 0, 0), "arm"), [beam]),
-        (chain_of(text), [hung, beam]),
-    ):
-        _, totals = evaluated(chain, [0.0], sources)
+    hung = sources.Payload(at="arm", mass=2.0, com=(Uniform(0.1, mean=reach), 0.0, 0.0))
+    carrying = one_link().with_payload(2.0, (reach, 0, 0), "arm")
+    for chain, given in ((carrying, [beam]), (one_link(), [hung, beam])):
+        _, totals = evaluated(chain, [0.0], given)
         moved = sum(totals.values(), np.zeros(6))
         assert moved[2] == pytest.approx(-2 * 9.81 * expected / 8000.0, rel=1e-13)

@@ -203,14 +203,6 @@ LINES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("line", "message"), LINES)
-def test_a_bad_line_of_a_sheet_gives_one_line(tmp_path, line, message):
-    with pytest.raises(SheetError, match=rf"arm\.errors\.yaml:6: error E_\w+: .*({message})") as caught:
-        ErrorModel.load(written(tmp_path, line, sliding="rail" in line))
-    assert len(caught.value.findings) == 1
-    assert "\n" not in str(caught.value.findings[0])
-
-
 CELLS = [
     ("", r"gauge\.csv contains no rows of numbers"),
     ("x [mm], y [mm]\n1, 2\n\n3, 4, 5\n", r"gauge\.csv, line 4: 3 cells, but the header has 2"),
@@ -227,10 +219,15 @@ CELLS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "message"), CELLS)
-def test_a_bad_table_gives_one_line_at_the_source(tmp_path, text, message):
+TABLE = "table: {joint: joint1, file: gauge.csv}"
+
+
+@pytest.mark.parametrize(
+    ("line", "text", "message"), [*((line, "", found) for line, found in LINES), *((TABLE, *row) for row in CELLS)]
+)
+def test_a_bad_line_of_a_sheet_or_table_gives_one_line_at_the_source(tmp_path, line, text, message):
     (tmp_path / "gauge.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(SheetError, match=rf"arm\.errors\.yaml:6: error E_\w+: .*{message}") as caught:
-        ErrorModel.load(written(tmp_path, "table: {joint: joint1, file: gauge.csv}"))
-    assert len(caught.value.findings) == 1
-    assert "\n" not in str(caught.value.findings[0])
+    with pytest.raises(SheetError, match=rf"arm\.errors\.yaml:6: error E_\w+: .*({message})") as caught:
+        ErrorModel.load(written(tmp_path, line, sliding="rail" in line))
+    (finding,) = caught.value.findings
+    assert "\n" not in str(finding)

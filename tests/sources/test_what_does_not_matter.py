@@ -5,28 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.base.errors import InputError
-from precision_pin.draws.draw import Draw
-from precision_pin.draws.expressions import Component, Operation
-from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
+from precision_pin import Chain, Draw, ErrorModel, InputError, Normal, Source, Space, Uniform
+from precision_pin import sources as kinds
+from precision_pin.draws.expressions import Component
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.robot.chain import Chain
 from precision_pin.sheet import read
-from precision_pin.sources import catalogue
-from precision_pin.sources.backlash import Backlash
-from precision_pin.sources.beam import Beam
-from precision_pin.sources.bearing_stiffness import BearingStiffness
-from precision_pin.sources.clearance import Clearance
-from precision_pin.sources.covariance import Covariance
-from precision_pin.sources.joint_compliance import JointCompliance
-from precision_pin.sources.levelling import Levelling
-from precision_pin.sources.mounting import Mounting
-from precision_pin.sources.payload import Payload
-from precision_pin.sources.table import Table
-from precision_pin.sources.thermal import Thermal
-from precision_pin.terms.source import Source
 from precision_pin.terms.term import JointValue, Term, at_means
 from support.checks.common import Q7, one_link
 from support.checks.places import rows
@@ -73,8 +56,8 @@ def test_no_tolerance_or_no_weight_no_spread(kind):
         chain = one_link(
             "prismatic" if "period" in settings else "revolute", gravity=(0, 0, 0), mass=2.0, com=(0.4, 0, 0)
         )
-        flexible = JointCompliance(joint="hinge", compliance=1e-4)
-        model = ErrorModel(chain, Space(), [flexible, catalogue()[kind](**own, **settings)])
+        flexible = kinds.JointCompliance(joint="hinge", compliance=1e-4)
+        model = ErrorModel(chain, Space(), [flexible, kinds.catalogue()[kind](**own, **settings)])
         check_no_spread(model, [0.2])
         if "stiffness" in kind or "stiffness" in settings:
             np.testing.assert_array_equal(model.at([0.2]).exact(model.space.mean[:, None]), np.zeros((6, 1)))
@@ -82,7 +65,7 @@ def test_no_tolerance_or_no_weight_no_spread(kind):
 
 def test_one_measured_row_is_no_spread(tmp_path):
     (tmp_path / "one.csv").write_text("x [mm]\n0.3\n", encoding="utf-8")
-    model = ErrorModel(one_link(), Space(), [Table(joint="hinge", file=tmp_path / "one.csv")])
+    model = ErrorModel(one_link(), Space(), [kinds.Table(joint="hinge", file=tmp_path / "one.csv")])
     check_no_spread(model, [0.2])
     assert model.at([0.0]).exact(model.space.mean[:, None])[0, 0] == pytest.approx(0.3e-3, rel=1e-12)
 
@@ -91,7 +74,7 @@ def test_a_direction_that_does_not_vary():
     """Measured in a plane: rank 3, fully correlated."""
     correlation = np.eye(6)
     correlation[0, 5] = correlation[5, 0] = 1.0
-    source = Covariance(joint="hinge", std=(1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-3), correlation=rows(correlation))
+    source = kinds.Covariance(joint="hinge", std=(1e-4, 1e-4, 0.0, 0.0, 0.0, 1e-3), correlation=rows(correlation))
     model = ErrorModel(one_link(), Space(), [source])
     x = model.space.sample(1, 0, 50)
     np.testing.assert_allclose(x[0] / 1e-4, x[5] / 1e-3, rtol=1e-12)
@@ -103,14 +86,14 @@ def test_the_order_of_tilts_and_loads_does_not_matter_and_a_mounting_is_no_tilt(
     chain = chain_of(random_arm(43, prismatic=(4,)), tip="tool")
     space, laden = loads()
     plain = ErrorModel(chain, space, laden).at(Q7)
-    for still in (Levelling(), Mounting(at="base", rx=0.1, ry=0.2)):
+    for still in (kinds.Levelling(), kinds.Mounting(at="base", rx=0.1, ry=0.2)):
         level = ErrorModel(chain, space, [still, *laden]).at(Q7)
         assert level.posture.tilts == ()
         loaded = [term for term in level.terms if term.loaded]
         for one, two in zip((term for term in plain.terms if term.loaded), loaded, strict=True):
             np.testing.assert_array_equal(one.twist, two.twist)
             assert one.factors == two.factors
-    tilts = [Levelling(rx=Normal(1e-3), rz=0.02), Levelling(ry=Uniform(1e-3))]
+    tilts = [kinds.Levelling(rx=Normal(1e-3), rz=0.02), kinds.Levelling(ry=Uniform(1e-3))]
     first = ErrorModel(chain, space, [*tilts, *laden])
     last = ErrorModel(chain, space, [*laden, *tilts[::-1]])
     x = first.space.sample(4, 0, 10)
@@ -127,12 +110,11 @@ def test_the_order_of_tilts_and_loads_does_not_matter_and_a_mounting_is_no_tilt(
 
 
 def test_a_fourth_factor_becomes_part_of_a_formula():
-    four = [Component(name) for name in "abcd"]
-    term = Term.of(JointValue(0), 2.0, *four[:2], 3.0, *four[2:])
-    assert term.factors == (four[0] * four[1], four[2], four[3])
-    assert isinstance(term.factors[0], Operation)
+    a, b, c, d = (Component(name) for name in "abcd")
+    term = Term.of(JointValue(0), 2.0, a, b, 3.0, c, d)
+    assert term.factors == (a * b, c, d)
     np.testing.assert_array_equal(term.twist, [6.0])
-    five = Term.of(JointValue(0), 1.0, *four, four[0])
+    five = Term.of(JointValue(0), 1.0, a, b, c, d, a)
     values = {"a": 2.0, "b": 3.0, "c": 5.0, "d": 7.0}
     assert len(five.factors) == 3
     assert np.prod([value_of(factor, values) for factor in five.factors]) == 2 * 3 * 5 * 7 * 2
@@ -141,9 +123,9 @@ def test_a_fourth_factor_becomes_part_of_a_formula():
 def test_the_gradient_of_the_whole_arm_bends_every_link():
     chain = chain_of(random_arm(33, prismatic=(2,)), tip="tool")
     settings = {"expansion": 12e-6, "gradient": 3.0, "across": "y of joint3"}
-    links = [Thermal(link=name, **settings) for name in ("base", *(f"link{k}" for k in range(1, 8)))]
+    links = [kinds.Thermal(link=name, **settings) for name in ("base", *(f"link{k}" for k in range(1, 8)))]
     none = np.zeros((0, 1))
-    whole, single = (ErrorModel(chain, Space(), of).at(Q7).exact(none) for of in ([Thermal(**settings)], links))
+    whole, single = (ErrorModel(chain, Space(), of).at(Q7).exact(none) for of in ([kinds.Thermal(**settings)], links))
     np.testing.assert_allclose(single, whole, rtol=0, atol=1e-15)
 
 
@@ -152,16 +134,18 @@ def test_the_gradient_of_the_whole_arm_bends_every_link():
 
 def on_every_joint(chain: Chain) -> list[Source]:
     sources: list[Source] = [
-        Payload(at="tool", mass=Uniform(0.5, mean=2.0), com=(Normal(0.01), 0.0, 0.1)),
-        Beam(link="link3", EI=5e4, GI=4e4),
+        kinds.Payload(at="tool", mass=Uniform(0.5, mean=2.0), com=(Normal(0.01), 0.0, 0.1)),
+        kinds.Beam(link="link3", EI=5e4, GI=4e4),
     ]
     for slides, name in zip(chain.prismatic, chain.joint_names, strict=True):
         free = {"roll": 1e4} if slides else {"axial": 2.0 * Component("k")}
         play = {} if slides else {"axial": Uniform(1e-5, mean=3e-5)}
         sources += [
-            BearingStiffness(joint=name, radial="k", tilt=Uniform(1e3, mean=1e4), centre=0.03, **free),
-            Clearance(joint=name, diametral=(Uniform(1e-5, mean=4e-5), 3e-5), span=0.1, start=-0.02, band=40.0, **play),
-            Backlash(joint=name, backlash=Uniform(1e-4, mean=3e-4), band=4.0),
+            kinds.BearingStiffness(joint=name, radial="k", tilt=Uniform(1e3, mean=1e4), centre=0.03, **free),
+            kinds.Clearance(
+                joint=name, diametral=(Uniform(1e-5, mean=4e-5), 3e-5), span=0.1, start=-0.02, band=40.0, **play
+            ),
+            kinds.Backlash(joint=name, backlash=Uniform(1e-4, mean=3e-4), band=4.0),
         ]
     return sources
 
@@ -175,7 +159,7 @@ def in_tool_axes(at: PoseModel, engine: str, x) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
 def test_where_the_base_stands_and_in_what_order_sources_do_not_matter(statics):
-    text = random_arm(51, prismatic=(4,))
+    text = random_arm(51, joints=4, prismatic=(4,))
     mount = joint("mount", "fixed", "ground", "base", (0, 0, 0), (0.3, -0.4, 1.2))
     turned = text.replace('<robot name="arm">', f'<robot name="arm">{link("ground")}{mount}')
     rotation = PlainRobot.parse(turned).poses({})["base"][:3, :3]
@@ -183,16 +167,16 @@ def test_where_the_base_stands_and_in_what_order_sources_do_not_matter(statics):
     tilted = chain_of(turned, tip="tool", gravity=tuple(rotation @ GRAVITY))
     sources = on_every_joint(straight)
     one = ErrorModel(straight, Space((K,)), sources, statics=statics)
-    at = one.at(SEVEN_Q)
+    at = one.at(SEVEN_Q[:4])
     sided = {factor.name for term in at.terms for factor in term.factors if isinstance(factor, Component)}
     # some bearings and drives are decided and some are not
-    assert 3 < sum(name.endswith((".A.x", ".B.x", ".side")) for name in sided) < 18
+    assert 1 < sum(name.endswith((".A.x", ".B.x", ".side")) for name in sided) < 12
     x = one.space.sample(4, 0, 5)
     expected = {engine: in_tool_axes(at, engine, x) for engine in ("exact", "linear")}
     shuffled = [sources[k] for k in np.random.default_rng(1).permutation(len(sources))]
     other = ErrorModel(tilted, Space((K,)), shuffled, statics=statics)
     rows = [one.space.index[name] for name in other.space.components]
-    there = other.at(SEVEN_Q)
+    there = other.at(SEVEN_Q[:4])
     for engine, same in expected.items():
         np.testing.assert_allclose(in_tool_axes(there, engine, x[rows]), same, rtol=0, atol=1e-12)
 
@@ -212,33 +196,29 @@ def test_numbers_at_the_means_of_their_factors():
 # --- periodic errors about zero ---
 
 
-ABOUT_ZERO = (
-    ("transmission: {joint: joint2, amplitude: {normal: 30 arcsec}, order: 200}", "amplitude of transmission[joint2]"),
-    ("encoder: {joint: joint2, amplitude: {uniform: 30 arcsec}}", "amplitude of encoder[joint2]"),
-    ("encoder: {joint: joint2, eccentricity: {normal: 5 um}, radius: 20 mm}", "eccentricity of encoder[joint2]"),
-    (
-        "transmission: {joint: joint1, amplitude: [30 arcsec, {triangular: 9 arcsec}], order: [1, 2]}",
-        "amplitude[1] of transmission[joint1]",
-    ),
-)
-
-
-@pytest.mark.parametrize(("line", "what"), ABOUT_ZERO)
-def test_an_amplitude_about_zero_is_warned_of_at_its_line(tmp_path, line, what):
-    file = written(tmp_path, f"joint_offset: {{joint: joint1, offset: {{normal: 0.01 deg}}}}\n{line}")
-    (finding,) = (finding for finding in read(file).findings if finding.code == "W_AMPLITUDE")
-    assert finding.severity == "warning"
-    assert finding.message.startswith(f"{what} varies about zero")
-    assert file.read_text(encoding="utf-8").splitlines()[(finding.line or 0) - 1].strip().startswith(f"- {line[:12]}")
-
-
 @pytest.mark.parametrize(
-    "line",
+    ("line", "what"),
     [
-        "transmission: {joint: joint2, amplitude: {normal: 30 arcsec, mean: 31 arcsec}, order: 200}",
-        "transmission: {joint: joint2, amplitude: {fixed: 0 arcsec}, order: 200}",
-        "encoder: {joint: joint2, offset: {normal: 30 arcsec}, resolution: 10 arcsec}",
+        (
+            "transmission: {joint: joint2, amplitude: {normal: 30 arcsec}, order: 200}",
+            "amplitude of transmission[joint2]",
+        ),
+        ("encoder: {joint: joint2, amplitude: {uniform: 30 arcsec}}", "amplitude of encoder[joint2]"),
+        ("encoder: {joint: joint2, eccentricity: {normal: 5 um}, radius: 20 mm}", "eccentricity of encoder[joint2]"),
+        (
+            "transmission: {joint: joint1, amplitude: [30 arcsec, {triangular: 9 arcsec}], order: [1, 2]}",
+            "amplitude[1] of transmission[joint1]",
+        ),
+        ("transmission: {joint: joint2, amplitude: {normal: 30 arcsec, mean: 31 arcsec}, order: 200}", ""),
+        ("transmission: {joint: joint2, amplitude: {fixed: 0 arcsec}, order: 200}", ""),
+        ("encoder: {joint: joint2, offset: {normal: 30 arcsec}, resolution: 10 arcsec}", ""),
     ],
 )
-def test_others_are_not_warned_of(tmp_path, line):
-    assert "W_AMPLITUDE" not in [finding.code for finding in read(written(tmp_path, line)).findings]
+def test_an_amplitude_about_zero_is_warned_of_at_its_line(tmp_path, line, what):
+    file = written(tmp_path, f"joint_offset: {{joint: joint1, offset: {{normal: 0.01 deg}}}}\n{line}")
+    found = [finding for finding in read(file).findings if finding.code == "W_AMPLITUDE"]
+    assert len(found) == bool(what)
+    for finding in found:
+        assert finding.severity == "warning"
+        assert finding.message.startswith(f"{what} varies about zero")
+        assert line[:12] in file.read_text(encoding="utf-8").splitlines()[finding.line - 1]

@@ -50,6 +50,33 @@ def chain_of(text: str, **settings) -> Chain:
     return Chain.from_robot(parse(text.encode(), "arm.urdf"), **settings)
 
 
+def limits(lower: float, upper: float) -> str:
+    return f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>'
+
+
+def gantry() -> Chain:
+    """Return a table that slides along x and y and lifts along z, with a turning tool: ± 1 m, ± 1 rad."""
+    links = ("base", "bridge", "carriage", "ram", "tool")
+    axes = (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("z", (0, 0, 1)), ("c", (0, 0, 1)))
+    joints = (
+        joint(name, "revolute" if name == "c" else "prismatic", parent, child, axis=axis, extra=limits(-1, 1))
+        for (name, axis), parent, child in zip(axes, links, links[1:], strict=False)
+    )
+    return chain_of(robot(*map(link, links), *joints))
+
+
+def planar_arm(*, half: float = 0.5, shoulder: float = 7, elbow: tuple[float, float] = (-7, 7)) -> Chain:
+    """Return two links of half a metre in a plane; the shoulder turns by ± so much, the elbow from one limit to the other."""
+    return chain_of(
+        robot(
+            *map(link, ("base", "upper", "lower", "tool")),
+            joint("shoulder", "revolute", "base", "upper", extra=limits(-shoulder, shoulder)),
+            joint("elbow", "revolute", "upper", "lower", (half, 0, 0), extra=limits(*elbow)),
+            joint("flange", "fixed", "lower", "tool", (half, 0, 0)),
+        )
+    )
+
+
 def unit(vector) -> np.ndarray:
     return np.asarray(vector, dtype=float) / np.linalg.norm(vector)
 

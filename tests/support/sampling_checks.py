@@ -25,21 +25,6 @@ from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
-from precision_pin.draws.laws import (
-    Arcsine,
-    Circle,
-    Disc,
-    Empirical,
-    Fixed,
-    JointNormal,
-    Lognormal,
-    Normal,
-    Rows,
-    Triangular,
-    TruncatedNormal,
-    TwoPoint,
-    Uniform,
-)
 from precision_pin.draws.space import Space
 
 Sampler = Callable[[int, int, int], Array]
@@ -56,27 +41,27 @@ COVARIANCE = ((1.0, 0.5, 0.1), (0.5, 2.0, 0.3), (0.1, 0.3, 0.5))
 MATRIX = ((1.0, 0.5, -0.3, 0.2), (0.5, 1.0, 0.1, 0.7), (-0.3, 0.1, 1.0, -0.2), (0.2, 0.7, -0.2, 1.0))
 LAW_SPACE = Space(
     (
-        Draw("fixed", Fixed(-1.5)),
-        Draw("uniform", Uniform(2.0, 1.0)),
-        Draw("triangular", Triangular(1.0), Scope.POSE),
-        Draw("normal", Normal(0.5, -3.0), Scope.VISIT),
-        Draw("truncated", TruncatedNormal(1.0, 0.2, 2.5)),
-        Draw("disc", Disc(2.0)),
-        Draw("circle", Circle(3.0), Scope.VISIT),
-        Draw("joint", JointNormal(COVARIANCE, (1.0, 2.0, 3.0)), Scope.POSE),
-        Draw("lognormal", Lognormal(0.3, 1.0)),
-        Draw("arcsine", Arcsine(0.7, -0.2), Scope.POSE),
-        Draw("two", TwoPoint(0.5, 1.0, 0.3), Scope.VISIT),
-        Draw("rows", Rows(MEASURED)),
-        Draw("single", Rows(((1.0,), (2.0,), (4.0,))), Scope.POSE),
-        Draw("u", Uniform(0.5, 2.0)),
-        Draw("n", Normal(0.4, -1.0)),
-        Draw("t", Triangular(1.0)),
-        Draw("l", Lognormal(0.2, 1.0)),
-        Draw("cut", TruncatedNormal(1.0, 0.0, 2.5), Scope.VISIT),
-        Draw("arc", Arcsine(0.7), Scope.VISIT),
-        Draw("side", TwoPoint(0.5, 0.0, 0.3), Scope.POSE),
-        Draw("seen", Empirical(SLOPES), Scope.POSE),
+        Draw("fixed", laws.Fixed(-1.5)),
+        Draw("uniform", laws.Uniform(2.0, 1.0)),
+        Draw("triangular", laws.Triangular(1.0), Scope.POSE),
+        Draw("normal", laws.Normal(0.5, -3.0), Scope.VISIT),
+        Draw("truncated", laws.TruncatedNormal(1.0, 0.2, 2.5)),
+        Draw("disc", laws.Disc(2.0)),
+        Draw("circle", laws.Circle(3.0), Scope.VISIT),
+        Draw("joint", laws.JointNormal(COVARIANCE, (1.0, 2.0, 3.0)), Scope.POSE),
+        Draw("lognormal", laws.Lognormal(0.3, 1.0)),
+        Draw("arcsine", laws.Arcsine(0.7, -0.2), Scope.POSE),
+        Draw("two", laws.TwoPoint(0.5, 1.0, 0.3), Scope.VISIT),
+        Draw("rows", laws.Rows(MEASURED)),
+        Draw("single", laws.Rows(((1.0,), (2.0,), (4.0,))), Scope.POSE),
+        Draw("u", laws.Uniform(0.5, 2.0)),
+        Draw("n", laws.Normal(0.4, -1.0)),
+        Draw("t", laws.Triangular(1.0)),
+        Draw("l", laws.Lognormal(0.2, 1.0)),
+        Draw("cut", laws.TruncatedNormal(1.0, 0.0, 2.5), Scope.VISIT),
+        Draw("arc", laws.Arcsine(0.7), Scope.VISIT),
+        Draw("side", laws.TwoPoint(0.5, 0.0, 0.3), Scope.POSE),
+        Draw("seen", laws.Empirical(SLOPES), Scope.POSE),
     ),
     (
         Correlation(("u", "n", "t", "l"), MATRIX),

@@ -161,12 +161,6 @@ def six(matrix) -> np.ndarray:
     return np.array([*matrix[:3, 3], matrix[2, 1], matrix[0, 2], matrix[1, 0]])
 
 
-def hat(vector) -> np.ndarray:
-    """Return the error matrix of eq 5."""
-    d, r = vector[:3], vector[3:]
-    return np.array([[0, -r[2], r[1], d[0]], [r[2], 0, -r[0], d[1]], [-r[1], r[0], 0, d[2]], [0, 0, 0, 0]])
-
-
 def displaced_tip(mcpc: Mcpc, q, displacements) -> np.ndarray:
     """Return B·Q_0 V_0 E_0 ⋯ Q_n V_n E_n."""
     tip = rot("z", mcpc.base_turn)

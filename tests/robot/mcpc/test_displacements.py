@@ -8,7 +8,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from precision_pin.base.errors import InputError
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
 
@@ -113,27 +112,3 @@ def test_continuity_where_denavit_hartenberg_jumps(direction, chart):
     names = arm.parameter_names
     assert errors[names.index("beta_2")] == pytest.approx(tilt * np.sin(direction), abs=1e-11)
     assert errors[names.index("alpha_2")] == pytest.approx(tilt * np.cos(direction), abs=1e-11)
-
-
-def twisted(value):
-    poses = np.tile(np.eye(4), (5, 1, 1))
-    poses[3, 0, 1] = value
-    return poses
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda arm: mcpc.parameter_errors(arm, np.zeros((4, 6))), r"shape \(4, 6\) is not \(5, 6\) or \(5, 4, 4\)"),
-        (lambda arm: mcpc.parameter_errors(arm, np.full((5, 6), np.nan)), "mcpc displacements must be finite"),
-        (lambda arm: mcpc.parameter_errors(arm, [["x"] * 6] * 5), "mcpc displacements must be numbers"),
-        (lambda arm: mcpc.parameter_errors(arm, twisted(1e-6)), "number 3 is not a rigid motion"),
-        (lambda arm: mcpc.parameter_errors(arm, [np.diag([1, 1, -1, 1])] * 5), "number 0 is not a rigid motion"),
-        (lambda arm: mcpc.parameter_errors(arm, np.zeros((5, 6)), chart="dh"), "must be complete or offsets, got 'dh'"),
-        (lambda arm: mcpc.frame_displacements(arm, np.zeros(6)), r"shape \(6,\) is not \(26,\)"),
-    ],
-)
-def test_bad_input_gives_one_clear_line(call, message):
-    with pytest.raises(InputError, match=message) as caught:
-        call(mcpc.from_chain(cases.paper_arm()))
-    assert "\n" not in str(caught.value)

@@ -223,6 +223,10 @@ def test_to_placements_refuses_another_chain():
         mcpc.to_placements(arm, arm, moved)
 
 
+TWISTED = np.tile(np.eye(4), (5, 1, 1))
+TWISTED[3, 0, 1] = 1e-6
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -234,6 +238,13 @@ def test_to_placements_refuses_another_chain():
         (lambda arm: dataclasses.replace(arm, x=np.zeros(4)), r"mcpc x: shape \(4,\) is not \(5,\)"),
         (lambda arm: dataclasses.replace(arm, gamma=np.inf), "mcpc gamma must be finite"),
         (lambda arm: dataclasses.replace(arm, prismatic=[True]), "mcpc prismatic: shape"),
+        (lambda arm: mcpc.parameter_errors(arm, np.zeros((4, 6))), r"shape \(4, 6\) is not \(5, 6\) or \(5, 4, 4\)"),
+        (lambda arm: mcpc.parameter_errors(arm, np.full((5, 6), np.nan)), "mcpc displacements must be finite"),
+        (lambda arm: mcpc.parameter_errors(arm, [["x"] * 6] * 5), "mcpc displacements must be numbers"),
+        (lambda arm: mcpc.parameter_errors(arm, TWISTED), "number 3 is not a rigid motion"),
+        (lambda arm: mcpc.parameter_errors(arm, [np.diag([1, 1, -1, 1])] * 5), "number 0 is not a rigid motion"),
+        (lambda arm: mcpc.parameter_errors(arm, np.zeros((5, 6)), chart="dh"), "must be complete or offsets, got 'dh'"),
+        (lambda arm: mcpc.frame_displacements(arm, np.zeros(6)), r"shape \(6,\) is not \(26,\)"),
     ],
 )
 def test_bad_input_gives_one_clear_line(call, message):

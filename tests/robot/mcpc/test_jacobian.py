@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.linalg import expm
 
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
@@ -58,23 +57,6 @@ def test_eq8_eq11_columns_are_the_derivatives_of_eqs_1_and_2(joints, seed):
         np.testing.assert_allclose(arm.link_matrix(i), expected, rtol=0, atol=2e-15)
 
 
-@pytest.mark.parametrize("joints", ARM_SIZES)
-@pytest.mark.parametrize("seed", range(2))
-def test_eq8_eq11_product_of_exponentials_at_any_size(joints, seed):
-    """T_i·ΠExp(k_j Δ_j), order θ, α, β, γ, x, y, z, is the perturbed T_i; exponentials by scipy."""
-    arm = cases.random_mcpc(seed, joints)
-    generator = np.random.default_rng(seed)
-    q = generator.uniform(-3, 3, joints)
-    errors = generator.uniform(-2, 2, 5 * joints + 6)
-    nominal = cases.literal_links(arm, q, np.zeros_like(errors))
-    expected = cases.literal_links(arm, q, errors)
-    for i in range(joints + 1):
-        got = nominal[i]
-        for k, twist in zip(arm.parameter_indices(i), arm.link_matrix(i).T, strict=True):
-            got = got @ expm(errors[k] * cases.hat(twist))
-        np.testing.assert_allclose(got, expected[i], rtol=0, atol=2e-14)
-
-
 def test_eq8_by_hand_on_link_1_of_the_paper():
     """α = -90°, y = -a_1: the column of α lifts frame 2 by k2 = x̂ × (0, -a_1, 0) = (0, 0, -a_1)."""
     arm = mcpc.from_chain(cases.paper_arm())
@@ -91,7 +73,8 @@ def test_eq8_by_hand_on_link_1_of_the_paper():
 
 @pytest.mark.parametrize("joints", ARM_SIZES)
 @pytest.mark.parametrize("seed", range(2))
-def test_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
+def test_eq15_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
+    """Its parts carry a displacement behind a link through all links after it, by Pinocchio's action matrices."""
     arm = cases.random_mcpc(seed, joints)
     q = np.random.default_rng(seed).uniform(-3, 3, joints)
     size = 5 * joints + 6
@@ -99,6 +82,12 @@ def test_eq16_jacobian_is_the_derivative_of_eq3(joints, seed):
     derivatives = complex_derivatives(lambda e: cases.literal_tip(arm, q, e), size)
     expected = np.column_stack([cases.six(inverse @ derivative) for derivative in derivatives])
     np.testing.assert_allclose(arm.jacobian(q), expected, rtol=0, atol=2e-14)
+    behind = np.eye(4)
+    for propagation, link in zip(
+        arm.propagation(q)[::-1], cases.literal_links(arm, q, np.zeros(size))[::-1], strict=True
+    ):
+        np.testing.assert_allclose(propagation, pin.SE3(behind).toActionMatrixInverse(), rtol=0, atol=5e-14)
+        behind = link @ behind
 
 
 @pytest.mark.fast(2)
@@ -116,34 +105,3 @@ def test_eq17_jacobian_base_by_central_differences_of_the_perturbed_arm(seed):
         turn = cases.Rotation.from_matrix(plus[:3, :3] @ minus[:3, :3].T).as_rotvec()
         columns.append(np.concatenate([plus[:3, 3] - minus[:3, 3], turn]) / (2 * step))
     np.testing.assert_allclose(arm.jacobian_base(q), np.column_stack(columns), rtol=0, atol=2e-9)
-
-
-@pytest.mark.fast(3)
-@pytest.mark.parametrize("seed", range(5))
-def test_eq15_eq16_against_pinocchios_frame_kinematic_regressor(seed):
-    """The regressor is the derivative of the tip to a right perturbation of every joint placement.
-
-    Placement i is F_{i-1} V_{i-1} G_i⁻¹ with G_i = F_i S_i⁻¹, so its perturbation X acts after V_{i-1} as
-    Ad(G_i⁻¹) X. A joint at zero is put at the tip so that the last link counts as a placement too.
-    """
-    chain = cases.random_chain(seed)
-    arm = mcpc.from_chain(chain)
-    q = cases.random_values(chain, np.random.default_rng(seed))
-    joints = len(q)
-    extended = cases.stand_in([*chain.placements, np.eye(4)], [*chain.axes, (0, 0, 1)], [*chain.prismatic, False])
-    model, frame = cases.pinocchio_model(extended)
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, np.append(q, 0.0))
-    regressor = pin.computeFrameKinematicRegressor(model, data, frame, pin.ReferenceFrame.LOCAL)
-
-    propagation = arm.propagation(q)
-    jacobian = arm.jacobian(q)
-    for i in range(joints + 1):
-        before = np.eye(4)
-        if i < joints:
-            before = arm.frame_in_link[i + 1] @ np.linalg.inv(arm.joint_pose(i + 1))
-        from_link = regressor[:, 6 * i : 6 * i + 6] @ pin.SE3(before).toActionMatrix()
-        np.testing.assert_allclose(propagation[i], from_link, rtol=0, atol=5e-14)
-        in_link = np.array([k for k in arm.parameter_indices(i) if k >= joints])
-        expected = from_link @ arm.link_matrix(i)[:, 1 if i else 0 :]
-        np.testing.assert_allclose(jacobian[:, in_link], expected, rtol=0, atol=5e-14)

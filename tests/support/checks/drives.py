@@ -8,10 +8,15 @@ import numpy as np
 
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Normal, Uniform
-from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
 from precision_pin.terms.term import JointValue
-from support.checks.common import MM, Q7, evaluated, one_link, same, slanted_arm
+from support.checks.common import MM, Q7, RandomArm, evaluated, one_link, same, slanted_arm
+
+
+def arm_with_torques() -> tuple[RandomArm, np.ndarray]:
+    """Return an arm, and the torques of its weights by the slope of the potential energy."""
+    gravity = (1.0, -2.0, -9.0)
+    arm = slanted_arm(14, prismatic=(5,), gravity=gravity)
+    return arm, arm.reading.load_torque(arm.q, arm.q, gravity)
 
 
 def check_backlash(module: ModuleType) -> None:
@@ -33,17 +38,7 @@ def check_backlash(module: ModuleType) -> None:
     at, totals = evaluated(chain, [0.3], [source], values)
     same(totals[JointValue(0)], [0.0084 * MM], 1e-19)
     assert not any(term.loaded for term in at.terms)
-    # after a motion the drive leads by half the gap, unless the load of 7.848 N·m is larger than friction and runs ahead
-    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0, 0))
-    for band, sides in ((10.0, (-1, 1)), (3.0, (1, 1))):
-        model = ErrorModel(chain, Space(), [module.Backlash(joint="hinge", backlash=3e-4, band=band)])
-        for direction, side in zip((1, -1), sides, strict=True):
-            (term,) = model.at([0.0], approach=[direction]).terms
-            same(term.twist, [side * 1.5e-4], 1e-19)
-    # any arm: against the slope of the potential energy
-    gravity = (1.0, -2.0, -9.0)
-    arm = slanted_arm(14, prismatic=(5,), gravity=gravity)
-    torque = arm.reading.load_torque(arm.q, arm.q, gravity)
+    arm, torque = arm_with_torques()
     assert len({*np.sign(torque)}) == 2
     for k, name in enumerate(arm.q):
         for share, decided in ((0.999, True), (1.001, False)):
@@ -62,10 +57,7 @@ def check_joint_compliance(module: ModuleType) -> None:
     chain = one_link("prismatic", mass=2.0, com=(0.4, 0, 0))
     _, totals = evaluated(chain, [0.3], [module.JointCompliance(joint="hinge", compliance=1e-6)])
     same(totals[JointValue(0)], [-1e-6 * 2.0 * 9.81], 1e-15)
-    # any arm: against the slope of the potential energy
-    gravity = (1.0, -2.0, -9.0)
-    arm = slanted_arm(14, prismatic=(5,), gravity=gravity)
-    torque = arm.reading.load_torque(arm.q, arm.q, gravity)
+    arm, torque = arm_with_torques()
     for k, name in enumerate(arm.q):
         source = module.JointCompliance(joint=name, compliance=Uniform(1e-6, mean=1e-5))
         component = f"joint_compliance[{name}].compliance"
@@ -172,9 +164,7 @@ def check_transmission(module: ModuleType) -> None:
     same(totals[JointValue(0)], [2.0 * 9.81 * 0.4 / 1e4], 1e-15)
     assert at.exact(np.zeros((0, 1)))[2, 0] < 0
     assert all(term.loaded for term in at.terms)
-    # any arm, random stiffness
-    arm = slanted_arm(24, prismatic=(5,))
-    torque = arm.reading.load_torque(arm.q, arm.q)
+    arm, torque = arm_with_torques()
     for k, name in enumerate(arm.q):
         source = module.Transmission(joint=name, stiffness=Uniform(1e3, mean=2e4))
         _, totals = evaluated(arm.chain, Q7, [source], {f"transmission[{name}].stiffness": 1.93e4})

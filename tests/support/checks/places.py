@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 
@@ -15,30 +16,31 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot import mcpc as parameters_of
 from precision_pin.terms.term import JointValue
-from support.checks.common import NAMES, PLACES, Q7, SIX, evaluated, one_link, same, slanted_arm
+from support.checks.common import NAMES, PLACES, Q7, SIX, RandomArm, evaluated, one_link, same, slanted_arm
 from support.plain_robot import chain_of, inserted, joint, link, pose_error, random_arm, robot, unit
+
+
+def compare_six(kind: type, arm: RandomArm, where: Mapping[str, str], expected) -> None:
+    """Compare the tool's error with six large numbers, given as such and as random ones."""
+    laws = [Draw(name, Uniform(0.0, mean=value)) for name, value in zip(NAMES, SIX, strict=True)]
+    for values, draws, x in ((SIX, [], []), (NAMES, laws, SIX)):
+        source = kind(**where, **dict(zip(NAMES, values, strict=True)))
+        at, _ = evaluated(arm.chain, arm.q, [source], {}, draws)
+        same(at.exact(np.array(x)[:, None])[:, 0], expected, 1e-13)
 
 
 def check_frame(module: ModuleType) -> None:
     arm = slanted_arm(12, prismatic=(4,))
     for where, kind, place in (
+        *PLACES,
         ({"joint": "joint1"}, "joint", "joint1"),
-        ({"joint": "joint4"}, "joint", "joint4"),
         ({"link": "link2"}, "joint", "joint3"),
-        ({"link": "half2"}, "joint", "joint3"),
         ({"link": "base"}, "joint", "joint1"),
         ({"link": "link7"}, "link", "tool"),
-        ({"frame": "half2"}, "link", "half2"),
         ({"frame": "link5"}, "link", "link5"),
-        ({"frame": "tool"}, "link", "tool"),
     ):
-        source = module.Frame(**where, **dict(zip(NAMES, SIX, strict=True)))
-        at, _ = evaluated(arm.chain, arm.q, [source])
-        same(at.exact(np.zeros((0, 1)))[:, 0], arm.moved(kind, place, SIX), 1e-13)
-        assert [source.subject] == list(where.values())
-        laws = [Draw(name, Uniform(0.0, mean=value)) for name, value in zip(NAMES, SIX, strict=True)]
-        at, _ = evaluated(arm.chain, arm.q, [module.Frame(**where, **dict(zip(NAMES, NAMES, strict=True)))], {}, laws)
-        same(at.exact(np.array(SIX)[:, None])[:, 0], arm.moved(kind, place, SIX), 1e-13)
+        compare_six(module.Frame, arm, where, arm.moved(kind, place, SIX))
+        assert [module.Frame(**where, x=1.0).subject] == list(where.values())
 
 
 def check_length(module: ModuleType) -> None:
@@ -112,13 +114,7 @@ def check_mounting(module: ModuleType) -> None:
         ({"at": "tool", "flange": "tool"}, pose_error(start @ exact, start)),
         ({"at": "tool", "flange": "link7"}, arm.moved("link", "link7", SIX)),
     ):
-        source = module.Mounting(**settings, **dict(zip(NAMES, SIX, strict=True)))
-        at, _ = evaluated(arm.chain, arm.q, [source])
-        same(at.exact(np.zeros((0, 1)))[:, 0], expected, 1e-13)
-        laws = [Draw(name, Uniform(0.0, mean=value)) for name, value in zip(NAMES, SIX, strict=True)]
-        source = module.Mounting(**settings, **dict(zip(NAMES, NAMES, strict=True)))
-        at, _ = evaluated(arm.chain, arm.q, [source], {}, laws)
-        same(at.exact(np.array(SIX)[:, None])[:, 0], expected, 1e-13)
+        compare_six(module.Mounting, arm, settings, expected)
     # before everything else: whatever the arm itself does is moved with it
     bent = module.Mounting(at="tool", flange="link7", x=0.01, ry=0.2)
     based = module.Mounting(at="base", **dict(zip(NAMES, SIX, strict=True)))
