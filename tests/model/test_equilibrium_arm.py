@@ -91,11 +91,12 @@ def test_products_of_load_and_stiffness_are_kept(arm):
     scattered = loaded(arm, Lognormal(0.2, 1.0)).at(PAPER_Q)
     e0, jacobian = at.tangent
     first_order = e0 + jacobian @ [-0.3, 0.5]
-    # the 1 % quantile of the lognormal law is exp(-2.3263 s) / √(1 + 0.2²), s² = ln(1 + 0.2²)
-    for model, stiffness, mass in ((at, 0.7, 1.5), (at, 1.3, 0.5), (scattered, 0.618607, 1.0)):
+    # the softest of a hundred: of a uniform law, and of a lognormal one, exp(-2.3263 s) / √(1 + 0.2²), s² = ln(1 + 0.2²)
+    quantiles = ((at, 0.706, 1.0, 1e-3), (scattered, 0.618607, 1.0, 2e-3))
+    for model, stiffness, mass, within in ((at, 0.7, 1.5, 2e-3), (at, 1.3, 0.5, 2e-3), *quantiles):
         truth = rods_error(stiffness, mass)
         error = model.exact(np.array([[stiffness], [mass]]))[:, 0]
-        assert np.linalg.norm((error - truth)[:3]) < 2e-3 * np.linalg.norm(truth[:3])
+        assert np.linalg.norm((error - truth)[:3]) < within * np.linalg.norm(truth[:3])
         if mass > 1:
             assert np.linalg.norm((first_order - truth)[:3]) > 0.08 * np.linalg.norm(truth[:3])
 

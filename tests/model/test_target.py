@@ -10,32 +10,27 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from precision_pin import InputError
+from precision_pin import InputError, Normal, Uniform
 from precision_pin.export.as_built import AsBuilt
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Overrides, read
+from precision_pin.sources import Mounting, Thermal
+from support.sheets import named
 
 pytestmark = pytest.mark.slow
 
 POINT = np.array([0.03, -0.08, 0.2])
 POSES = np.radians([[-90, 3, 88, -91], [20, -40, 70, 10]]).T
-TOOL_SOURCES = """
-  - mounting: {at: tool, x: {uniform: 0.1 mm}, ry: {normal: 1 mrad}}
-  - thermal: {expansion: {uniform: 1 ppm/K, mean: 23 ppm/K}, temperature_change: {uniform: 3 K, mean: 5 K}}
-"""
 
 
 @pytest.fixture(scope="module", params=["equilibrium", "nominal"])
-def arms(request, tmp_path_factory) -> tuple[pp.ErrorModel, pp.ErrorModel]:
+def arms(request) -> list[pp.ErrorModel]:
     """Return the paper's arm, which bends under a payload, with a warm and badly mounted tool; and the same with a target."""
-    folder = tmp_path_factory.mktemp("arm")
-    text = (
-        PAPER_SHEET.read_text(encoding="utf-8").replace("statics: nominal", f"statics: {request.param}") + TOOL_SOURCES
-    )
-    (folder / "4dof.urdf").write_bytes(PAPER_SHEET.with_name("4dof.urdf").read_bytes())
-    (folder / "tip.yaml").write_text(text)
-    (folder / "target.yaml").write_text(text.replace("tip: tool", "tip: tool\ntarget: 30 -80 200 mm"))
-    return pp.ErrorModel.load(folder / "tip.yaml"), pp.ErrorModel.load(folder / "target.yaml")
+    sheet = pp.ErrorModel.load(PAPER_SHEET)
+    warm = Thermal(expansion=Uniform(1e-6, mean=23e-6), temperature_change=Uniform(3.0, mean=5.0))
+    sources = [*sheet.sources, Mounting(at="tool", x=Uniform(1e-4), ry=Normal(1e-3)), warm]
+    chains = (sheet.chain, sheet.chain.with_target(POINT))
+    return [pp.ErrorModel(chain, named(sheet), sources, statics=request.param) for chain in chains]
 
 
 def at_lever(errors: np.ndarray, lever: np.ndarray) -> np.ndarray:

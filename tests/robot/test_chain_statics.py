@@ -26,10 +26,6 @@ def chain_between(base: str, tip: str, text: str = ARM) -> Chain:
     return chain_of(text, base=base, tip=tip, locked=still, gravity=GRAVITY)
 
 
-def values_of(chain: Chain) -> list[float]:
-    return [EVERYTHING[name] for name in chain.joint_names]
-
-
 PAIRS = [("base", "tool"), ("tool", "base"), ("bracket", "finger"), ("half2", "base"), ("link5", "tool")]
 
 
@@ -38,7 +34,7 @@ def test_torques_against_the_slope_of_the_potential_energy(base, tip):
     """Everything that hangs on the chain counts: branches, finger, the old root where another link stands still."""
     chain = chain_between(base, tip)
     expected = READING.load_torque(chain.joint_names, EVERYTHING, GRAVITY, base)
-    posture = chain.at(values_of(chain))
+    posture = chain.at({name: EVERYTHING[name] for name in chain.joint_names})
     np.testing.assert_allclose(posture.load_torque, expected, atol=1e-11)
     by_basis = [sum(posture.torque_on(k).values()) for k in range(len(chain.joints))]
     np.testing.assert_allclose(by_basis, expected, atol=1e-11)
@@ -48,7 +44,7 @@ def test_torques_against_the_slope_of_the_potential_energy(base, tip):
 def test_link_wrenches_against_free_bodies(base, tip):
     """The sum of weights beyond each joint, about the end of the link that carries it, in the end's axes."""
     chain = chain_between(base, tip)
-    posture = chain.at(values_of(chain))
+    posture = chain.at({name: EVERYTHING[name] for name in chain.joint_names})
     centres = READING.centres(EVERYTHING, base)
     for number, name in enumerate(chain.joint_names):
         end = posture.place_pose(chain.end(number))

@@ -369,11 +369,11 @@ def test_wrong_units_are_refused_by_column(tmp_path, chain, text, message):
 
 def test_wrong_steps_are_refused(tmp_path, chain):
     untimed = way(tmp_path, chain, "rail,swing [old]\n0,0\n1,0\n")
-    with pytest.raises(InputError, match="time_step: the trajectory has no times"):
-        untimed.refined(time_step=0.1)
-    with pytest.raises(InputError, match="the steps make 1,000,001 poses; at most 1,000 are allowed"):
-        untimed.refined(length_step=1e-6, most=1000)
-    with pytest.raises(InputError, match="at most 1,048,575 are allowed"):
-        untimed.refined(length_step=1e-300)
-    with pytest.raises(InputError, match="angle_step must be positive"):
-        untimed.refined(angle_step=0.0)
+    for steps, message in (
+        ({"time_step": 0.1}, "time_step: the trajectory has no times"),
+        ({"length_step": 1e-6, "most": 1000}, "the steps make 1,000,001 poses; at most 1,000 are allowed"),
+        ({"length_step": 1e-300}, "at most 1,048,575 are allowed"),
+        ({"angle_step": 0.0}, "angle_step must be positive"),
+    ):
+        with pytest.raises(InputError, match=message):
+            untimed.refined(**steps)

@@ -38,7 +38,7 @@ def hidden_dependence(source: Source, chain: Chain, space: Space | None = None, 
         return None
     if not all(_agree(every[0], terms, 0.0) for terms in every):
         return "its terms depend on the configuration"
-    if not all(_same_weights(said[0][1], hung) for _, hung in said):
+    if not all(_numbers(said[0][1]) == _numbers(hung) for _, hung in said):
         return "what it hangs on the chain depends on the configuration"
     return None
 
@@ -71,16 +71,12 @@ def _loadings(
 
 def _agree(terms: Sequence[Term], others: Sequence[Term], tolerance: float) -> bool:
     return len(terms) == len(others) and all(
-        _is_one_target(one, other)
+        (one.target.is_same(other.target) if isinstance(one.target, Place) else one.target == other.target)
         and one.factors == other.factors
         and one.loaded == other.loaded
         and np.allclose(one.twist, other.twist, rtol=tolerance, atol=1e-3 * tolerance * np.abs(one.twist).max())
         for one, other in zip(terms, others, strict=True)
     )
-
-
-def _is_one_target(one: Term, other: Term) -> bool:
-    return one.target.is_same(other.target) if isinstance(one.target, Place) else one.target == other.target
 
 
 def _numbers(part: object) -> object:
@@ -90,7 +86,3 @@ def _numbers(part: object) -> object:
     if isinstance(part, np.ndarray):
         return tuple(part.ravel().tolist())
     return tuple(map(_numbers, part)) if isinstance(part, tuple) and not isinstance(part, Expression) else part
-
-
-def _same_weights(one: object, other: object) -> bool:
-    return _numbers(one) == _numbers(other)

@@ -10,15 +10,9 @@ import pytest
 
 from precision_pin.robot import mcpc
 from robot.mcpc import cases
+from support.plain_robot import inserted
 
 CHARTS = ("complete", "offsets")
-
-
-def displacement(values):
-    """Trans(d)·Exp(δ) by scipy."""
-    matrix = cases.trans(*values[:3]).astype(float)
-    matrix[:3, :3] = cases.Rotation.from_rotvec(values[3:]).as_matrix()
-    return matrix
 
 
 def random_sixes(seed, count, size):
@@ -36,7 +30,7 @@ def test_eq20_eq22_parameter_errors_move_the_tip_as_the_displacements_do(seed, c
     generator = np.random.default_rng(seed)
     for size in (1e-3, 0.5, 2.5):
         sixes = random_sixes(seed, len(chain.placements), size)
-        poses = [displacement(values) for values in sixes]
+        poses = [inserted(values) for values in sixes]
         errors = mcpc.parameter_errors(arm, sixes, chart)
         np.testing.assert_allclose(mcpc.parameter_errors(arm, poses, chart), errors, rtol=0, atol=1e-12)
         joints = errors[: arm.joint_count]
@@ -55,7 +49,7 @@ def test_eq20_holds_for_parameters_anywhere(joints, chart):
     sixes = random_sixes(joints, joints + 1, 0.2)
     errors = mcpc.parameter_errors(arm, sixes, chart)
     q = np.random.default_rng(joints).uniform(-3, 3, joints)
-    expected = cases.displaced_tip(arm, q, [displacement(values) for values in sixes])
+    expected = cases.displaced_tip(arm, q, [inserted(values) for values in sixes])
     np.testing.assert_allclose(cases.literal_tip(arm, q, errors), expected, rtol=0, atol=2e-14)
 
 

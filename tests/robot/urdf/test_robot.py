@@ -34,25 +34,25 @@ def robot(arm):
 
 
 def test_tree_and_unknown_names_that_bring_the_nearest(robot):
-    assert robot.root == "foot"
-    assert robot.leaves == ("tip", "hook")
-    assert [joint.name for joint in robot.child_joints("upper")] == ["elbow", "hinge"]
-    assert robot.child_joints("tip") == ()
-    assert robot.parent_joint("foot") is None
-    assert robot.parent_joint("hook").name == "hinge"
-    assert [joint.name for joint in robot.path("foot", "tip")] == ["shoulder", "elbow", "slide", "flange"]
-    assert robot.path("fore", "fore") == ()
-    assert [joint.name for joint in robot.moving_joints] == ["shoulder", "elbow", "slide", "hinge"]
-    with pytest.raises(UnknownNameError, match="'tip'"):
-        robot.link("tipp")
-    with pytest.raises(UnknownNameError, match="'elbow'"):
-        robot.joint("Elbow")
-    with pytest.raises(UnknownNameError, match="'tip'"):
-        robot.path("foot", "tp")
-    with pytest.raises(UnknownNameError):
-        robot.link_poses({"wrist": 1.0})
-    with pytest.raises(InputError, match="foot, upper, hook"):
-        robot.path("fore", "hook")
+    assert (robot.root, robot.leaves) == ("foot", ("tip", "hook"))
+    assert (robot.parent_joint("foot"), robot.parent_joint("hook").name) == (None, "hinge")
+    for joints, names in (
+        (robot.child_joints("upper"), ["elbow", "hinge"]),
+        (robot.child_joints("tip"), []),
+        (robot.path("foot", "tip"), ["shoulder", "elbow", "slide", "flange"]),
+        (robot.path("fore", "fore"), []),
+        (robot.moving_joints, ["shoulder", "elbow", "slide", "hinge"]),
+    ):
+        assert [joint.name for joint in joints] == names
+    for call, error, message in (
+        (lambda: robot.link("tipp"), UnknownNameError, "'tip'"),
+        (lambda: robot.joint("Elbow"), UnknownNameError, "'elbow'"),
+        (lambda: robot.path("foot", "tp"), UnknownNameError, "'tip'"),
+        (lambda: robot.link_poses({"wrist": 1.0}), UnknownNameError, "wrist"),
+        (lambda: robot.path("fore", "hook"), InputError, "foot, upper, hook"),
+    ):
+        with pytest.raises(error, match=message):
+            call()
 
 
 def relative_poses(robot, values):
