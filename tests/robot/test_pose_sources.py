@@ -14,6 +14,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.configurations import approaches_along, read_approach, written_approach
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet, smallest_singular_values
+from precision_pin.robot.trajectory import joint_columns
 from support.oracles import ur5_branches, ur5_pose
 from support.plain_robot import chain_of, gantry, joint, limits, link, planar_arm, robot
 
@@ -283,6 +284,8 @@ def test_units_of_the_header(tmp_path, chain):
     np.testing.assert_allclose(read.times, [0, 0.5, 0.75, 2], rtol=1e-15)
     np.testing.assert_allclose(read.values[:, 0], [0, 0.1, 0.2, -1.1], rtol=1e-15)
     np.testing.assert_allclose(read.values[:, 1], np.radians([0, 30, 30, 90]), rtol=1e-15)
+    written = {column.heading: column.factor for column in joint_columns(("swing", "rail"), (False, True))}
+    assert written == pytest.approx({"swing [deg]": math.radians(1), "rail [mm]": 1e-3})
     plain = way(tmp_path, chain, "t,swing [old],rail\n0,0,0\n0.5,0.25,0.1\n")
     np.testing.assert_array_equal(plain.values, [[0, 0], [0.1, 0.25]])
     poses = read.poses

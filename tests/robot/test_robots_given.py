@@ -188,6 +188,7 @@ def test_names_come_before_lengths_and_lengths_before_fingers():
     assert likeliest_tip(tree(*far, "wrist f tool_camera fixed", "base g handle fixed")) == "z"
     fingers = (*arm, "wrist finger_joint left_finger revolute", "wrist other_finger right_finger revolute")
     assert likeliest_tip(tree(*fingers)) == "wrist"
+    assert likeliest_tip(tree(arm[0], "arm finger_joint left_finger revolute")) == "arm"
     hand = urdf.read(EXAMPLES["finger_edu"])  # all of it is a finger
     assert gripper_joint(hand, likeliest_tip(hand)) is None
 
