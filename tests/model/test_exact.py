@@ -1,4 +1,4 @@
-"""The exact engine against the definition of places, its first-order models, and what must not matter."""
+"""The exact engine against the definition of places and Pinocchio, its first-order models, and what must not matter."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from precision_pin import Draw, ErrorModel, InputError, Scope, Source, Space, Term, Uniform
+from precision_pin import Chain, Draw, ErrorModel, InputError, Scope, Source, Space, Term, Uniform
 from precision_pin.base.errors import InternalError, UnknownNameError
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.space import LabelledSpace
-from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.robot.places import Place
 from precision_pin.sources import Frame, JointOffset, Length
 from precision_pin.terms.bound_source import labels
 from precision_pin.terms.term import JointValue
 from support.checks.common import one_link
-from support.oracles import displaced_pose, displacements
+from support.oracles import displaced_pose, displacements, virtual_joint_pose
 from support.plain_robot import inserted, pose_error
 from support.sheets import PAPER_Q, SEVEN_Q, everything, geometry, seven_joint_arm, spread_out
 
@@ -45,6 +45,44 @@ def test_sampled_errors_of_all_sources_against_the_definition(prismatic, scale):
 def test_the_paper_sheet_against_the_definition():
     model = ErrorModel.load(PAPER_SHEET)
     check_against_definition(model, PAPER_Q, model.space.sample(3, 1000, 8), 1e-14)
+
+
+def frames_and_offsets(chain: Chain, joint_errors, ends, seats) -> ErrorModel:
+    """Six fixed errors at every end and seat, one at every joint."""
+    names = ("x", "y", "z", "rx", "ry", "rz")
+    first = {where.link: name for name, where in reversed(chain.link_frames.items())}
+    sources: list[Source] = []
+    for number, error in enumerate(ends):
+        sources.append(Frame(link=first[number], **dict(zip(names, map(float, error), strict=True))))
+    for name, error in zip(chain.joint_names, seats, strict=False):
+        sources.append(Frame(joint=name, **dict(zip(names, map(float, error), strict=True))))
+    for name, error in zip(chain.joint_names, joint_errors, strict=True):
+        sources.append(JointOffset(joint=name, offset=float(error)))
+    return ErrorModel(chain, Space(), sources)
+
+
+@pytest.mark.fast(2)
+@pytest.mark.parametrize(("name", "turn"), [("seven", 0.12), ("ur5", 0.02), ("panda", 0.12), ("tiago", 1e-4)])
+@pytest.mark.filterwarnings("ignore:.*W_JOINT_LIMIT")
+def test_pinocchio_with_a_virtual_joint_for_every_error(name, turn):
+    """Three slides and a ball at every end and seat; at the largest size about 1.5 to 2.5 rad of turns in all."""
+    tips = {"ur5": "tool0", "panda": "panda_hand_tcp", "tiago": "arm_tool_link"}
+    chain = seven_joint_arm(prismatic=(2, 6)) if name == "seven" else Chain.from_urdf(example_urdfs()[name], tips[name])
+    generator = np.random.default_rng(8)
+    count = len(chain.joints)
+    q = generator.uniform(-1.2, 1.2, count)
+    joint_errors = generator.uniform(-turn, turn, count)
+    ends, seats = (generator.uniform(-1, 1, (count + 1, 6)) * ([turn / 3] * 3 + [turn] * 3) for _ in range(2))
+    seats[-1] = 0
+    total = sum(np.linalg.norm(rows[:, 3:], axis=1).sum() for rows in (ends, seats)) + np.abs(joint_errors).sum()
+    assert turn < 0.1 or total > 1.4
+    at = frames_and_offsets(chain, joint_errors, ends, seats).at(q)
+    none = np.zeros(count)
+    still = np.zeros((count + 1, 6))
+    expected = pose_error(
+        virtual_joint_pose(chain, q, joint_errors, ends, seats), virtual_joint_pose(chain, q, none, still, still)
+    )
+    np.testing.assert_allclose(at.exact(np.zeros((0, 1)))[:, 0], expected, atol=2e-13)
 
 
 def test_turns_of_nearly_pi_are_exact_and_beyond_it_and_any_number_they_are_refused():

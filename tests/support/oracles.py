@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 
 import numpy as np
+import pinocchio
 from scipy.spatial.transform import Rotation
 
 from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator
@@ -68,6 +69,40 @@ def displaced_pose(chain: Chain, q, totals: Mapping[object, np.ndarray]) -> np.n
             tip = tip @ frame @ inserted(total) @ np.linalg.inv(frame)
         tip = tip @ chain.placements[i]
     return tip
+
+
+def virtual_joint_pose(chain: Chain, q, joint_errors, ends, seats) -> np.ndarray:
+    """Return the tip by Pinocchio: three virtual slides and a virtual ball joint at every link's end and seat.
+
+    ``ends`` and ``seats`` are ``(n+1, 6)``.
+    """
+    model = pinocchio.Model()
+    values: list[float] = []
+    parent, placement = 0, np.eye(4)
+    for i in range(len(chain.joints) + 1):
+        if i:
+            kind = pinocchio.JointModelPrismaticUnaligned if chain.prismatic[i - 1] else None
+            kind = kind or pinocchio.JointModelRevoluteUnaligned
+            parent = model.addJoint(parent, kind(np.array(chain.axes[i - 1])), pinocchio.SE3(placement), f"q{i}")
+            values.append(q[i - 1] + joint_errors[i - 1])
+        placement = chain.placements[i]
+        for name, error in (("end", ends[i]), ("seat", seats[i])):
+            for k, axis in enumerate(np.eye(3)):
+                parent = model.addJoint(
+                    parent,
+                    pinocchio.JointModelPrismaticUnaligned(axis),
+                    pinocchio.SE3(placement),
+                    f"{name}{i}.{'xyz'[k]}",
+                )
+                values.append(error[k])
+                placement = np.eye(4)
+            parent = model.addJoint(
+                parent, pinocchio.JointModelSpherical(), pinocchio.SE3.Identity(), f"{name}{i}.turn"
+            )
+            values.extend(Rotation.from_rotvec(error[3:]).as_quat())
+    data = model.createData()
+    pinocchio.forwardKinematics(model, data, np.array(values))
+    return data.oMi[parent].homogeneous
 
 
 def settled_errors(model: ErrorModel, q, x) -> np.ndarray:

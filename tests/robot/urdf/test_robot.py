@@ -17,7 +17,8 @@ from fuzzing.robots.trial import try_robot
 
 from precision_pin.base import se3
 from precision_pin.base.errors import InputError, UnknownNameError, UrdfError
-from precision_pin.robot.urdf import Inertial, canonical, parse, read, rerooted, rpy_of, snapped
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.urdf import Inertial, canonical, likeliest_tip, parse, read, rerooted, rpy_of, snapped
 
 BRANCH = (
     '<link name="hook"><inertial><origin xyz="0.1 0.2 0.3" rpy="0.4 -0.5 0.6"/><mass value="0.7"/>'
@@ -172,6 +173,23 @@ def test_any_name_survives(arm):
     assert pin.buildModelFromXML(canonical(shared)).nq == 3
     model = pin.buildModelFromXML(canonical(odd))
     assert list(model.names)[1:] == [joint.name for joint in odd.moving_joints]
+
+
+ARMS = {
+    "ur5": "ur_description/urdf/ur5_robot.urdf",
+    "pr2": "pr2_description/urdf/pr2.urdf",
+    "baxter": "baxter_description/urdf/baxter.urdf",
+    "double_pendulum_continuous": "double_pendulum_description/urdf/double_pendulum_continuous.urdf",
+}
+
+
+@pytest.mark.fast(2)
+@pytest.mark.parametrize("arm", ARMS)
+def test_pinocchio_agrees(shipped, arm):
+    """Poses, masses and first moments of every link, which the chain compares when it loads the canonical text."""
+    robot = read(shipped / ARMS[arm])
+    chain = Chain.from_robot(robot, likeliest_tip(robot))
+    assert chain.pinocchio.model.nq == len(chain.joints)
 
 
 @pytest.mark.slow

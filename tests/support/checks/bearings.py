@@ -73,10 +73,29 @@ GRAVITY = (1.0, -2.0, -9.0)
 
 
 def check_clearance(module: ModuleType) -> None:
+    _check_upright_hinge(module)
     _check_hanging_beam(module)
     _check_random_directions(module)
     _check_any_arm(module)
     _check_each_robot(module)
+
+
+def _check_upright_hinge(module: ModuleType) -> None:
+    # 2 kg at 0.4 m on an upright hinge, bearings at z = 0 and 100 mm: the weight tips the shaft about +y with 7.848 N·m,
+    # so the upper journal is pressed to the load's side with 78.48 N and the lower one away from it
+    chain = one_link(mass=2.0, com=(0.4, 0, 0))
+    for q in (0.0, 0.7):
+        ahead = np.array([np.cos(q), np.sin(q), 0])
+        tipping = np.array([-np.sin(q), np.cos(q), 0])
+        source = module.Clearance(joint="hinge", diametral=(0.02 * MM, 0.06 * MM), axial=0.1 * MM, span=0.1, band=1.0)
+        at, totals = evaluated(chain, [q], [source])
+        shift = -0.01 * MM * ahead + (0, 0, -0.05 * MM)
+        same(totals[chain.seat(0)], [*shift, *(0.04 * MM / 0.1 * tipping)], 1e-15)
+        assert at.exact(at.space.mean[:, None])[2, 0] < -0.4 * MM
+        # 30 mm below the bearings the axis lies off by the line through both journals
+        source = module.Clearance(joint="hinge", diametral=(0.02 * MM, 0.06 * MM), start=0.03, span=0.1, band=1.0)
+        _, totals = evaluated(chain, [q], [source])
+        same(totals[chain.seat(0)], [*(-0.022 * MM * ahead), *(0.4 * MM * tipping)], 1e-15)
 
 
 def _check_hanging_beam(module: ModuleType) -> None:
@@ -186,8 +205,33 @@ RADIAL, AXIAL, TILT, ROLL = 3e6, 5e6, 2e4, 7e3
 
 
 def check_bearing_stiffness(module: ModuleType) -> None:
+    _check_hinges(module)
     _check_two_bearings(module)
     _check_stiff_arm(module)
+
+
+def _check_hinges(module: ModuleType) -> None:
+    # 2 kg at 0.4 m on an upright hinge: 19.62 N down the axis, 7.848 N·m that tip it about +y; the arm droops
+    chain = one_link(mass=2.0, com=(0.4, 0, 0))
+    source = module.BearingStiffness(joint="hinge", radial=RADIAL, axial=AXIAL, tilt=TILT)
+    at, totals = evaluated(chain, [0.0], [source])
+    same(totals[chain.seat(0)], [0, 0, -19.62 / AXIAL, 0, 7.848 / TILT, 0], 1e-19)
+    assert at.exact(np.zeros((0, 1)))[2, 0] < -19.62 / AXIAL
+    assert all(term.loaded for term in at.terms)
+    # a lying hinge: all radial; what turns it about its axis is the drive's
+    chain = one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0, 0))
+    at, totals = evaluated(chain, [0.0], [source])
+    same(in_base(at.posture, totals), [0, 0, -19.62 / RADIAL, 0, 0, 0], 1e-19)
+    # an upright slide with a carriage: tips and rolls, and leaves the weight to the drive
+    chain = one_link("prismatic", mass=2.0, com=(0.4, 0.1, 0.3), gravity=(0.0, -9.81, -9.81))
+    source = module.BearingStiffness(joint="hinge", radial=RADIAL, tilt=TILT, roll=ROLL)
+    for pads_on, lever in (("child", 0.3), ("parent", 0.5)):
+        source = module.BearingStiffness(joint="hinge", radial=RADIAL, tilt=TILT, roll=ROLL, pads_on=pads_on)
+        _, totals = evaluated(chain, [0.2], [source])
+        # (0.4, 0.1, lever) × (0, -19.62, -19.62) about the pads; the rail's origin lies 0.2 m below those of a carriage
+        turn = np.array([19.62 * (lever - 0.1) / TILT, 0.4 * 19.62 / TILT, -0.4 * 19.62 / ROLL])
+        shift = np.array([0, -19.62 / RADIAL, 0]) + np.cross(turn, (0, 0, lever - 0.5))
+        same(totals[chain.seat(0)], [*shift, *turn], 1e-18)
 
 
 def _check_two_bearings(module: ModuleType) -> None:
