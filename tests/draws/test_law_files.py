@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import math
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -72,7 +72,6 @@ sources:
 """
 A, B = 0.3e-3, 0.1e-3
 VARIANCE = (A * A + B * B) / 6
-POINTS = np.array([-(A + B) / 2, 0, B / 2])
 FOURTH = (A**4 + A**2 * B**2 + B**4) / 15
 """Moments of the trapezoid: the integrals of x² f and x⁴ f by hand, f = 1/(A + B) up to B, falling to zero at A."""
 SHARES = np.array([1 / 8, 1 / 4, 1 / 2, 3 / 4, 7 / 8])
@@ -81,19 +80,13 @@ QUANTILES = np.array([-A + math.sqrt(0.5) * (A - B), -B, 0, B, A - math.sqrt(0.5
 
 
 @pytest.fixture
-def trapezoid(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type[Law]:
+def trapezoid(monkeypatch: pytest.MonkeyPatch) -> type[Law]:
     """Add a law: one class, and its line in the list of laws in draws/laws/__init__.py; no other file is needed."""
-    file = tmp_path / "trapezoid.py"
-    file.write_text(TRAPEZOID, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location("trapezoid", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module: Any = ModuleType("trapezoid")
     monkeypatch.setitem(sys.modules, "trapezoid", module)
-    spec.loader.exec_module(module)
+    exec(TRAPEZOID, vars(module))
     monkeypatch.setattr(laws, "LAWS", (*LAWS, module.Trapezoid))
-    trapezoid: type[Law] = module.Trapezoid
-    return trapezoid
+    return module.Trapezoid
 
 
 @pytest.fixture
@@ -121,27 +114,12 @@ def test_an_added_law_is_read_from_a_sheet_and_described_in_the_report(trapezoid
     assert "Trapezoid, mean 0 mm, standard deviation 0.129099 mm" in text
 
 
-def test_moments_ends_and_laws_of_an_added_law_are_those_by_hand(trapezoid: Any) -> None:
+def test_moments_of_an_added_law_are_those_by_hand(trapezoid: Any) -> None:
     law = trapezoid(A, B, 5e-3)
-    std = math.sqrt(VARIANCE)
     assert law.mean_vector == pytest.approx([5e-3], rel=1e-14)
     assert law.covariance == pytest.approx(np.array([[VARIANCE]]), rel=1e-11)
-    moments = law.standardised_moments()
-    assert moments is not None
-    assert moments == pytest.approx((0, FOURTH / VARIANCE**2, 1), rel=1e-10, abs=1e-10)
-    assert law.interval(0) == pytest.approx((5e-3 - A, 5e-3 + A), rel=1e-15)
-    assert [law.support([w]) for w in (2.0, -2.0, 0.0)] == pytest.approx([2 * (5e-3 + A), -2 * (5e-3 - A), 0])
+    assert law.standardised_moments() == pytest.approx((0, FOURTH / VARIANCE**2, 1), rel=1e-10, abs=1e-10)
     assert law.tolerance((LENGTH,)) == "±0.3 mm"
-    # a trapezoid is the sum of two uniform numbers, within ±(A + B)/2 and ±(A - B)/2
-    omega = np.linspace(0, 200, 301) / std
-    known = np.sinc(omega * (A + B) / 2 / np.pi) * np.sinc(omega * (A - B) / 2 / np.pi)
-    for size in (1.0, -2.0):
-        part = law.projection(np.array([size]))
-        np.testing.assert_allclose(part.characteristic(omega / size), known, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(part.cumulative(abs(size) * QUANTILES), SHARES, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(part.density(abs(size) * POINTS) * (A + B) * abs(size), [0.5, 1, 1], rtol=1e-8)
-        assert (part.envelope(omega / abs(size)) >= np.abs(known) - 1e-11).all()
-    np.testing.assert_allclose(law.characteristic(omega[None]), np.exp(5e-3j * omega) * known, rtol=0, atol=1e-11)
 
 
 @pytest.mark.slow
@@ -156,7 +134,6 @@ def test_an_added_law_is_sampled_alike_by_both_engines_and_known_to_the_analyses
     assert size > 0.5
     assert pp.moments(model, "p").poses[0].std.value[1] == pytest.approx(size * math.sqrt(VARIANCE), rel=1e-3)
     exact = pp.exact_law(model, "p").poses[0].laws["position.y"]
-    assert exact.law is not None
     assert exact.error < 1e-9
     found = np.array([exact.law.quantile(p) for p in SHARES])
     np.testing.assert_allclose(found, exact.mean + size * QUANTILES, rtol=0, atol=1e-9 * A)
@@ -217,7 +194,6 @@ def test_what_follows_from_the_quantiles_is_what_closed_forms_say(law: Law, erro
         known, part = (each.projection(np.array([weight])) for each in (law, bare))
         if known is None:
             continue  # a normal law has none
-        assert part is not None
         np.testing.assert_allclose(part.ends, known.ends, rtol=1e-12)
         low, high = known.within(6.0)
         assert part.within(6.0) == pytest.approx((low, high), rel=1e-9)
@@ -238,7 +214,6 @@ def test_the_lines_that_the_loops_draw_from_are_close_to_the_quantiles() -> None
     u = np.concatenate([[2.0**-53, 1e-9, 1 - 2.0**-53], np.random.default_rng(1).random(10_000)])
     for law in (law for law, *_ in CLOSED if law.variates == "uniform"):
         row = Bare(law).kernel_row()
-        assert row is not None
         begin, value, slope, end = row.numbers.T
         k = np.searchsorted(begin, u, side="right") - 1
         drawn = np.minimum(value[k] + slope[k] * (u - begin[k]), end[k])
@@ -286,13 +261,8 @@ def test_the_list_of_laws_is_complete_and_each_is_tried() -> None:
         if isinstance(node, ast.ClassDef) and any(ast.unparse(base) in ("Law", *BASES) for base in node.bases)
     }
     assert found - BASES == {law.__name__ for law in LAWS}
-    assert {type(law).__name__ for law, *_ in CLOSED} == found - BASES - {
-        "Fixed",
-        "Disc",
-        "Circle",
-        "JointNormal",
-        "Rows",
-    }
+    tried = {type(law).__name__ for law, *_ in CLOSED} | {"Fixed", "Disc", "Circle", "JointNormal", "Rows"}
+    assert tried == found - BASES
     for law in LAWS:
         assert law.__module__.startswith("precision_pin.draws.laws.")
         assert getattr(laws, law.__name__) is getattr(pp, law.__name__) is law
@@ -320,14 +290,12 @@ NAMED = {
 
 def law_names(path: Path) -> set[str]:
     """Return the laws that a file names, as imported or as an attribute."""
-    known = {law.__name__ for law in LAWS}
-    names: set[str] = set()
-    for node in ast.walk(tree(path)) if "laws" in path.read_text(encoding="utf-8") else ():
-        if isinstance(node, ast.ImportFrom) and "laws" in (node.module or "").split("."):
-            names |= {alias.name for alias in node.names} & known
-        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "laws":
-            names |= {node.attr} & known
-    return names
+    text = path.read_text(encoding="utf-8")
+    imported = re.findall(r"from [\w.]*\blaws[\w.]* import (\([^)]*\)|.*)", text)
+    return {law.__name__ for law in LAWS} & {
+        *re.findall(r"\w+", " ".join(imported)),
+        *re.findall(r"(?<![\w.])laws\.(\w+)", text),
+    }
 
 
 def asked_classes(path: Path) -> set[str]:

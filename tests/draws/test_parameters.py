@@ -1,6 +1,7 @@
 """Formulas: values against plain Python, gradients against the complex step, limits and sharing."""
 
 import cmath
+import itertools
 import math
 import pickle
 import time
@@ -61,9 +62,6 @@ def test_several_parameters_of_several_samples() -> None:
     seen = program.evaluate(POINTS)
     np.testing.assert_array_equal(seen, [POINTS[0] * POINTS[1], POINTS[2], np.full(3, 2.5), POINTS[0] * POINTS[1]])
     np.testing.assert_array_equal(gradient(program, [2.0, 3.0, 5.0]), [[3, 2, 0], [0, 0, 1], [0, 0, 0], [3, 2, 0]])
-
-
-def test_shapes_where_nothing_is_random() -> None:
     # an arm that only sags has no parameter at all
     for samples in (0, 1, 7):
         assert Program.compile([], INDEX).evaluate(np.ones((3, samples))).shape == (0, samples)
@@ -117,34 +115,25 @@ def test_a_part_used_often_counts_once_and_takes_no_time() -> None:
 
 
 def test_equal_formulas_are_equal_and_survive_pickling() -> None:
-    one, other = 1 / (A * B), 1 / (A * B)
-    assert one == other
-    assert hash(one) == hash(other)
-    again = pickle.loads(pickle.dumps(one))
-    assert again == one
-    assert hash(again) == hash(one)
-    assert {one: "kept"}[again] == "kept"
+    one = 1 / (A * B)
+    for other in (1 / (A * B), pickle.loads(pickle.dumps(one))):
+        assert (other, hash(other), {one: "kept"}[other]) == (one, hash(one), "kept")
     assert one != 1 / (B * A)
     assert isinstance(one, Operation)
 
 
-@pytest.mark.parametrize(
-    ("formula", "reason"),
-    [
-        (lambda: 1 / A, "divi"),
-        (lambda: A**-1, "divi"),
-        (lambda: sqrt(A - 1), "invalid"),
-        (lambda: (A - 1) ** 0.5, "invalid"),
-        (lambda: (B * 1e200) ** 4, "overflow"),
-        (lambda: B / Constant(0.0), "divi"),
-    ],
-)
-def test_a_formula_that_fails_for_one_sample_says_why(formula: Any, reason: str) -> None:
+def test_a_formula_that_fails_for_one_sample_says_why() -> None:
     x = np.array([[1.0, 0.0, 2.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
-    with pytest.raises(InputError, match=reason) as caught:
-        Program.compile([formula()], INDEX).evaluate(x)
-    assert "law" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    for formula, reason in (
+        (1 / A, "divi"),
+        (A**-1, "divi"),
+        (sqrt(A - 1), "invalid"),
+        ((A - 1) ** 0.5, "invalid"),
+        ((B * 1e200) ** 4, "overflow"),
+        (B / Constant(0.0), "divi"),
+    ):
+        with pytest.raises(InputError, match=rf"^[^\n]*{reason}[^\n]*law[^\n]*$"):
+            Program.compile([formula], INDEX).evaluate(x)
 
 
 def test_gradients_at_zero_and_those_that_are_infinite() -> None:
@@ -156,10 +145,8 @@ def test_gradients_at_zero_and_those_that_are_infinite() -> None:
 
 
 def test_what_cannot_stand_in_a_formula() -> None:
-    for number in (math.nan, math.inf):
+    for number, use in itertools.product((math.nan, math.inf), (Expression.__add__, Expression.__pow__)):
         with pytest.raises(InputError):
-            A + number
-        with pytest.raises(InputError):
-            A**number
+            use(A, number)
     with pytest.raises(InternalError, match="'z'"):
         Program.compile([A * Component("z")], INDEX)

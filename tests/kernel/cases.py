@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import fields
 from functools import cache
 from typing import Any
@@ -13,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Expression, Program, cos, sin, sqrt
-from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Law, Normal, Triangular, TruncatedNormal, Uniform
+from precision_pin.draws.laws import Circle, Disc, Fixed, JointNormal, Normal, Triangular, TruncatedNormal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
@@ -46,27 +45,11 @@ def from_python(function: Any) -> Any:
     return njit(error_model="numpy")(lambda *arguments: function(*arguments))
 
 
-def compiled_variants(function: Any) -> list[Any]:
-    """Return the variants (laws, models) for which an outermost function is compiled, as types of these arguments."""
-    place = list(inspect.signature(function.py_func).parameters).index("rare")
-    return [signature[place : place + 2] for signature in function.signatures]
-
-
 def every_formula(space: Space) -> list[Expression]:
     """Every component, and formulas that use every operator."""
     x = [Component(name) for name in space.components]
-    modulus = Component("modulus")
-    return [
-        *x,
-        1 / modulus,
-        modulus**4,
-        modulus**-0.5 * 2,
-        sqrt(modulus + 1),
-        sin(x[0]),
-        cos(x[1] * x[2]),
-        modulus**3 - x[0],
-        modulus**1.0 + 0.25,
-    ]
+    m = Component("modulus")
+    return [*x, 1 / m, m**4, m**-0.5 * 2, sqrt(m + 1), sin(x[0]), cos(x[1] * x[2]), m**3 - x[0], m**1.0 + 0.25]
 
 
 def random_frame(rng: np.random.Generator) -> np.ndarray:
@@ -76,58 +59,39 @@ def random_frame(rng: np.random.Generator) -> np.ndarray:
     return frame
 
 
+def model_of(
+    space: Space, frames: Any, target: Any, twists: Any, factors: Any, *, formulas: Any = None, tip: Any = None
+) -> PoseModel:
+    """Return a model of terms, each of a target, a twist and up to three formulas, by default the components; tip at the base."""
+    formulas = [Component(name) for name in space.components] if formulas is None else formulas
+    table = TermTable(
+        pose=np.eye(4) if tip is None else tip,
+        targets=(None,) * len(frames),
+        frames=np.asarray(frames, dtype=float).reshape(-1, 4, 4),
+        program=Program.compile(formulas, space.index),
+        target=np.array(target, dtype=np.intp),
+        twists=np.asarray(twists, dtype=float),
+        factors=np.array([[*of, -1, -1, -1][:3] for of in factors], dtype=np.intp).reshape(-1, 3),
+    )
+    return pose_model(space, table)
+
+
 def random_table(seed: int, *, targets: int, terms: int, shift: float, turn: float, slides: float = 0.3) -> PoseModel:
     """Return terms of 0 to 3 factors on targets that share them; some targets only slide, as prismatic joints do."""
     rng = np.random.default_rng(seed)
     formulas = every_formula(EVERY_LAW)
-    factors = np.full((terms, 3), -1, dtype=np.intp)
-    for row in factors:
-        count = rng.integers(0, 4)
-        row[:count] = rng.integers(0, len(formulas), count)
+    factors = [rng.integers(0, len(formulas), rng.integers(0, 4)) for _ in range(terms)]
     target = rng.integers(0, targets, terms)
     twists = rng.normal(size=(terms, 6)) * np.repeat([shift, turn], 3)
     twists[np.isin(target, np.flatnonzero(rng.random(targets) < slides)), 3:] = 0.0
     twists[rng.random(twists.shape) < 0.3] = 0.0
-    table = TermTable(
-        pose=random_frame(rng),
-        targets=(None,) * targets,
-        frames=np.array([random_frame(rng) for _ in range(targets)]).reshape(-1, 4, 4),
-        program=Program.compile(formulas, EVERY_LAW.index),
-        target=target.astype(np.intp),
-        twists=twists,
-        factors=factors,
-    )
-    return pose_model(EVERY_LAW, table)
+    tip, *frames = (random_frame(rng) for _ in range(1 + targets))
+    return model_of(EVERY_LAW, frames, target, twists, factors, formulas=formulas, tip=tip)
 
 
 def plain_table(space: Space, frames: Any, twists: Any, *, tip: Any = None) -> PoseModel:
-    """Return target k displaced by ``twists[k]`` times component k, ``(K, 6)``; the tip at the base if left out."""
-    count = len(twists)
-    table = TermTable(
-        pose=np.eye(4) if tip is None else tip,
-        targets=(None,) * count,
-        frames=np.asarray(frames, dtype=float),
-        program=Program.compile([Component(name) for name in space.components], space.index),
-        target=np.arange(count),
-        twists=np.asarray(twists, dtype=float),
-        factors=np.array([[k, -1, -1] for k in range(count)]),
-    )
-    return pose_model(space, table)
-
-
-def single_formula(formula: Expression, law: Law | None = None, scale: float = 1e-3) -> PoseModel:
-    """Return one target shifted along z by a formula of the draw ``a``, standard normal if no law is given."""
-    space = Space((Draw("a", law or Normal(1.0)),))
-    table = TermTable(
-        pose=np.eye(4),
-        targets=(None,),
-        frames=np.eye(4)[None],
-        program=Program.compile([formula], space.index),
-        target=np.array([0]),
-        twists=np.array([[0, 0, scale, 0, 0, 0.0]]),
-        factors=np.array([[0, -1, -1]]),
-    )
-    return pose_model(space, table)
+    """Return target k displaced by ``twists[k]`` times component k, ``(K, 6)``."""
+    return model_of(space, frames, range(len(twists)), twists, [[k] for k in range(len(twists))], tip=tip)
 
 
 def pose_model(space: Space, table: TermTable) -> PoseModel:

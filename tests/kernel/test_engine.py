@@ -15,30 +15,35 @@ from kernel.cases import (
     EVERY_LAW,
     accumulate,
     assert_same_state,
+    model_of,
     plain_table,
     pose_model,
     random_frame,
     random_table,
-    single_formula,
 )
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
-from precision_pin.draws.expressions import Component, Program, sqrt
-from precision_pin.draws.laws import Circle, Empirical, Fixed, Normal, Rows, Uniform
+from precision_pin.draws.expressions import Component, Expression, sqrt
+from precision_pin.draws.laws import Circle, Empirical, Fixed, Law, Normal, Rows, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.loops import FINE, NARROW, WIDE
 from precision_pin.kernel.sampler import BLOCK, JoinedTables, NormBlocks
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.statistics import Plan, Specification, finish, observe, start
+from precision_pin.statistics import QUANTITIES, Plan, Specification, finish, observe, quantity_values, start
 from precision_pin.statistics.accumulate import LARGEST, merge
-from precision_pin.terms.table import TermTable
 
 
 def worst(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.max(np.abs(found - expected) / np.maximum(1, np.abs(expected)), initial=0.0))
+
+
+def single_formula(formula: Expression, law: Law | None = None, scale: float = 1e-3) -> PoseModel:
+    """Return one target shifted along z by a formula of the draw ``a``, standard normal if no law is given."""
+    space = Space((Draw("a", law or Normal(1.0)),))
+    return model_of(space, [np.eye(4)], [0], [scale * np.eye(6)[2]], [[0]], formulas=[formula])
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -64,34 +69,24 @@ def test_any_number_of_terms_of_one_and_two_factors(turn: float, series: int, sl
     """The loops take six, five, four or three terms at once, and three products."""
     rng = np.random.default_rng(int(slides))
     space = Space(tuple(Draw(f"a{k}", Uniform(1.0)) for k in range(13)))
-    program = Program.compile([Component(name) for name in space.components], space.index)
     x = space.sample(0, 0, 150)
     for singles, products in np.ndindex(14, 5):
-        alone = [[k, -1, -1] for k in range(singles)]
-        together = [[k, k + 1, -1] for k in range(products)]
+        alone = [[k] for k in range(singles)]
+        together = [[k, k + 1] for k in range(products)]
         # the second target turns once more than the first, and slides seldom
-        of_first, of_second = [*together, *alone], [*alone, [3, -1, -1], *together, [0, 1, 2]]
+        of_first, of_second = [*together, *alone], [*alone, [3], *together, [0, 1, 2]]
         twists = rng.normal(size=(len(of_first) + len(of_second), 6)) * np.repeat([0.01, turn], 3)
         twists[: len(of_first) * slides, 3:] = 0.0
         twists[len(of_first) :: 2, :3] = 0.0
-        table = TermTable(
-            pose=random_frame(rng),
-            targets=(None, None),
-            frames=np.array([random_frame(rng), random_frame(rng)]),
-            program=program,
-            target=np.repeat([0, 1], [len(of_first), len(of_second)]),
-            twists=twists,
-            factors=np.array([*of_first, *of_second], dtype=np.intp),
-        )
-        at = pose_model(space, table)
+        target = np.repeat([0, 1], [len(of_first), len(of_second)])
+        tip, *frames = (random_frame(rng) for _ in range(3))
+        at = model_of(space, frames, target, twists, [*of_first, *of_second], tip=tip)
         layout = sampler.to_arrays(at)
         assert singles < 13 or layout.motions.series[-1] == series
         for name, oracle in (("linear", at.linear), ("exact", at.exact)):
-            expected = oracle(x)
             # of sums of up to 40 terms of 0.01 m and of the turn
-            np.testing.assert_allclose(
-                sampler.errors_at(layout, name, x), expected, rtol=0, atol=1e-14 * (1 + 20 * turn)
-            )
+            allowed = 1e-14 * (1 + 20 * turn)
+            np.testing.assert_allclose(sampler.errors_at(layout, name, x), oracle(x), rtol=0, atol=allowed)
 
 
 def test_up_to_three_radians_of_total_error() -> None:
@@ -157,18 +152,6 @@ def test_series_on_either_side_of_the_switches_equal_matrix_exponentials(largest
         np.testing.assert_allclose(error, expected, rtol=0, atol=2e-14)
 
 
-def test_one_joint_by_hand() -> None:
-    # one metre along x, turned by 1 mrad about z: d = (cos θ - 1, sin θ, 0)
-    tip = np.eye(4)
-    tip[0, 3] = 1.0
-    at = plain_table(Space((Draw("a", Fixed(1e-3)),)), np.eye(4)[None], [[0, 0, 0, 0, 0, 1.0]], tip=tip)
-    layout = sampler.to_arrays(at)
-    exact = sampler.errors(layout, "exact", 0, 0, 3)
-    expected = [-2 * math.sin(5e-4) ** 2, math.sin(1e-3), 0, 0, 0, 1e-3]
-    np.testing.assert_allclose(exact, np.tile(expected, (3, 1)).T, rtol=1e-15, atol=0)
-    np.testing.assert_array_equal(sampler.errors(layout, "linear", 0, 0, 1)[:, 0], [0, 1e-3, 0, 0, 0, 1e-3])
-
-
 def test_nothing_random_nothing_at_all_and_what_no_draw_can_give() -> None:
     layout = sampler.to_arrays(plain_table(Space(()), np.zeros((0, 4, 4)), np.zeros((0, 6))))
     for model in ("exact", "linear"):
@@ -181,35 +164,31 @@ def test_nothing_random_nothing_at_all_and_what_no_draw_can_give() -> None:
     np.testing.assert_allclose(sampler.errors_at(layout, "exact", [[2.5, 1e-3]])[5], [2.5, 1e-3], rtol=2e-15)
 
 
-@pytest.mark.parametrize(
-    ("formula", "law", "allowed"),
-    [
-        (1 / Component("a"), None, True),
-        (1 / (Component("a") - Component("a")), None, False),
-        (sqrt(Component("a")), Normal(1e-3, 1.0), True),
-        (Component("a") ** 0.5, None, False),
-        (Component("a") ** -2, Fixed(0.0), False),
+def test_a_formula_that_fails_is_refused_and_named_with_its_sample() -> None:
+    a = Component("a")
+    for formula, law, allowed in (
+        (1 / a, None, True),
+        (1 / (a - a), None, False),
+        (sqrt(a), Normal(1e-3, 1.0), True),
+        (a**0.5, None, False),
+        (a**-2, Fixed(0.0), False),
         # infinity would vanish in the second division, so it is the first that must be noticed
-        (1 / (1 / (Component("a") - Component("a"))), None, False),
-        (Component("a") ** 8, Fixed(1e60), False),
-    ],
-)
-def test_a_formula_that_fails_is_refused_and_named_with_its_sample(formula, law, allowed: bool) -> None:
-    at = single_formula(formula, law)
-    layout = sampler.to_arrays(at)
-    x = at.space.sample(1, 0, 600)
-    if allowed:
-        assert worst(sampler.errors_at(layout, "exact", x), at.exact(x)) < 1e-12
-        return
-    with pytest.raises(InputError):
-        at.exact(x)
-    with pytest.raises(InputError, match=r"sample \d+: a parameter's formula fails") as failure:
-        sampler.errors_at(layout, "exact", x)
-    sample = int(str(failure.value).split("sample ")[1].split(":")[0])
-    with pytest.raises(InputError):
-        at.exact(x[:, [sample]])
-    if sample:
-        at.exact(x[:, :sample])
+        (1 / (1 / (a - a)), None, False),
+        (a**8, Fixed(1e60), False),
+    ):
+        at = single_formula(formula, law)
+        layout = sampler.to_arrays(at)
+        x = at.space.sample(1, 0, 600)
+        if allowed:
+            assert worst(sampler.errors_at(layout, "exact", x), at.exact(x)) < 1e-12
+            continue
+        with pytest.raises(InputError, match=r"sample \d+: a parameter's formula fails") as failure:
+            sampler.errors_at(layout, "exact", x)
+        sample = int(str(failure.value).split("sample ")[1].split(":")[0])
+        with pytest.raises(InputError):
+            at.exact(x[:, [sample]])
+        if sample:
+            at.exact(x[:, :sample])
 
 
 def test_a_failure_counts_only_among_the_units_asked_for() -> None:
@@ -240,16 +219,18 @@ def test_a_target_that_turns_by_pi_is_refused_in_the_exact_model_only() -> None:
 
 
 def test_errors_that_are_not_finite_and_wrong_arguments_are_refused() -> None:
-    for model in ("exact", "linear"):
-        with pytest.raises(InputError, match="sample 0: the error is not a finite number"):
-            sampler.errors(sampler.to_arrays(single_formula(Component("a"), Fixed(1e300), scale=1e10)), model, 0, 0, 1)
-    layout = sampler.to_arrays(single_formula(Component("a")))
-    with pytest.raises(InputError, match=r"shape \(2, 3\), expected \(1, N\)"):
-        sampler.errors_at(layout, "exact", np.zeros((2, 3)))
-    with pytest.raises(InputError, match="not a finite number"):
-        sampler.errors_at(layout, "exact", [[math.nan]])
-    with pytest.raises(InputError, match="exact or linear"):
-        sampler.errors(layout, "quadratic", 0, 0, 1)
+    huge, layout = (sampler.to_arrays(single_formula(Component("a"), *of)) for of in ((Fixed(1e300), 1e10), ()))
+    for wrong, message in (
+        *(
+            (lambda m=m: sampler.errors(huge, m, 0, 0, 1), "sample 0: the error is not a finite")
+            for m in ("exact", "linear")
+        ),
+        (lambda: sampler.errors_at(layout, "exact", np.zeros((2, 3))), r"shape \(2, 3\), expected \(1, N\)"),
+        (lambda: sampler.errors_at(layout, "exact", [[math.nan]]), "not a finite number"),
+        (lambda: sampler.errors(layout, "quadratic", 0, 0, 1), "exact or linear"),
+    ):
+        with pytest.raises(InputError, match=message):
+            wrong()
     # more than the memory holds, at once
     for count in (10**11, 2**62):
         for keep in (lambda n: sampler.sample(layout, 1, 0, n), lambda n: sampler.errors(layout, "exact", 1, 0, n)):
@@ -275,14 +256,11 @@ def test_bounds_of_components_and_angles_hold() -> None:
 AT = random_table(8, targets=6, terms=25, shift=1e-3, turn=1e-3)
 LAYOUT = sampler.to_arrays(AT)
 ERRORS = AT.exact(EVERY_LAW.sample(0, 0, 4000))
-PLAN = Plan.from_moments(
-    ERRORS.mean(axis=1),
-    np.cov(ERRORS),
-    (
-        Specification("position.norm", float(np.median(np.linalg.norm(ERRORS[:3], axis=0))), 0.5),
-        Specification("attitude.y", float(np.median(np.abs(ERRORS[4]))), 0.5),
-    ),
+MIDDLE = np.median(np.abs(quantity_values(ERRORS)), axis=1)
+SPECIFIED = tuple(
+    Specification(name, float(MIDDLE[QUANTITIES.index(name)]), 0.5) for name in ("position.norm", "attitude.y")
 )
+PLAN = Plan.from_moments(ERRORS.mean(axis=1), np.cov(ERRORS), SPECIFIED)
 
 
 @pytest.mark.parametrize(("model", "samples"), [("exact", 1), ("linear", 257), ("exact", 16_385), ("linear", 40_001)])
@@ -330,21 +308,10 @@ def test_kept_errors_are_the_errors() -> None:
     assert sampler.observe_blocks(LAYOUT, PLAN, "linear", 5, 1, 1).errors is None
 
 
-def test_units_beyond_the_last_one_do_not_fail_the_run() -> None:
-    at = single_formula(sqrt(Component("a")), Uniform(1.0, 0.99))
-    layout = sampler.to_arrays(at)
-    bad = int(np.flatnonzero(at.space.sample(0, 0, 10_000)[0] < 0)[0])
-    assert accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad).count == bad
-    with pytest.raises(InputError, match=f"sample {bad}: "):
-        accumulate(layout, PLAN, "exact", 0, 0, 1, samples=bad + 1)
-
-
-@pytest.mark.parametrize(
-    ("first", "blocks", "samples"), [(-1, 1, None), (0, 0, None), (0, 2**20, None), (2, 1, 2 * BLOCK), (0, 1, 0)]
-)
-def test_blocks_that_do_not_exist_are_refused(first: int, blocks: int, samples: int | None) -> None:
-    with pytest.raises(InputError, match=r"from block 0"):
-        sampler.observe_blocks(LAYOUT, PLAN, "exact", 0, first, blocks, samples=samples)
+def test_blocks_that_do_not_exist_are_refused() -> None:
+    for first, blocks, samples in ((-1, 1, None), (0, 0, None), (0, 2**20, None), (2, 1, 2 * BLOCK), (0, 1, 0)):
+        with pytest.raises(InputError, match=r"from block 0"):
+            sampler.observe_blocks(LAYOUT, PLAN, "exact", 0, first, blocks, samples=samples)
 
 
 LIMITED = (("position.norm", 5e-3), ("attitude.y", 2e-3), ("position.x", 3e-3), ("attitude.norm", 5e-3))
@@ -352,7 +319,6 @@ SPECIFICATIONS = tuple(Specification(quantity, limit, 0.5) for quantity, limit i
 
 
 def at_poses(seed: int, poses: int, **shape: Any) -> list[PoseModel]:
-    """Return a random table at random poses."""
     return moved(random_table(seed, **shape), seed, poses)
 
 
@@ -364,8 +330,8 @@ def moved(first: PoseModel, seed: int, poses: int) -> list[PoseModel]:
         twists = first.table.twists * rng.uniform(0.5, 1.5, first.table.twists.shape)
         if pose % 3 == 2:
             twists[rng.random(twists.shape) < 0.5] = 0.0
-        frames = [random_frame(rng) for _ in first.table.targets]
-        table = replace(first.table, pose=random_frame(rng), frames=np.array(frames).reshape(-1, 4, 4), twists=twists)
+        tip, *frames = (random_frame(rng) for _ in (None, *first.table.targets))
+        table = replace(first.table, pose=tip, frames=np.array(frames), twists=twists)
         found.append(pose_model(first.space, table))
     return found
 
@@ -378,18 +344,14 @@ def assert_as_one_at_a_time(
     models: list[PoseModel], model: Any, samples: int, *, pose: int = 0, visit: int = 0
 ) -> None:
     """Compare many poses together with one pose after another."""
-    layouts, plans = sampler.to_arrays_at_poses(models), planned(models)
-    blocks = -(-samples // BLOCK)
-    units: dict[str, Any] = {"samples": samples, "first_pose": pose, "visit": visit}
-    tables = JoinedTables.of(layouts)
-    norms = sampler.observe_norms(tables, plans, model, 7, 0, blocks, **units)
+    plans, blocks = planned(models), -(-samples // BLOCK)
+    tables = JoinedTables.of(sampler.to_arrays_at_poses(models))
+    norms = sampler.observe_norms(tables, plans, model, 7, 0, blocks, samples=samples, first_pose=pose, visit=visit)
     edges = sampler.norm_edges()
     assert norms.count == samples
     for p, (at, plan) in enumerate(zip(models, plans, strict=True)):
-        alone = sampler.to_arrays(at)
-        expected = sampler.observe_blocks(
-            alone, plan, model, 7, 0, blocks, samples=samples, keep_errors=True, pose=pose + p, visit=visit
-        )
+        units: dict[str, Any] = {"samples": samples, "keep_errors": True, "pose": pose + p, "visit": visit}
+        expected = sampler.observe_blocks(sampler.to_arrays(at), plan, model, 7, 0, blocks, **units)
         np.testing.assert_array_equal(norms.inside[p], expected.inside)
         np.testing.assert_array_equal(norms.lowest[p], expected.lowest[[0, 4]])
         np.testing.assert_array_equal(norms.highest[p], expected.highest[[0, 4]])
@@ -403,8 +365,7 @@ def assert_as_one_at_a_time(
 
 @pytest.mark.fast(2)
 @pytest.mark.parametrize(
-    ("model", "poses", "samples"),
-    [("exact", 1, 300), ("linear", 3, 1), ("exact", 5, BLOCK + 333), ("linear", 7, 2048)],
+    ("model", "poses", "samples"), [("exact", 1, 300), ("linear", 3, 1), ("exact", 5, BLOCK + 333), ("linear", 7, 2048)]
 )
 def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(model, poses: int, samples: int) -> None:
     models = at_poses(3, poses, targets=4, terms=25, shift=1e-3, turn=1e-3)
@@ -412,22 +373,11 @@ def test_all_scopes_formulas_and_products_have_the_bits_of_one_pose_at_a_time(mo
     assert_as_one_at_a_time(models, model, samples, pose=2, visit=1)
 
 
-@pytest.mark.parametrize("turn", [0.02, 0.2])
-def test_wide_angles(turn: float) -> None:
-    models = at_poses(12, 4, targets=3, terms=6, shift=1e-2, turn=turn)
-    layouts = sampler.to_arrays_at_poses(models)
-    assert any((layout.motions.series == WIDE).any() for layout in layouts)
-    assert_as_one_at_a_time(models, "exact", 700)
-
-
-PROGRAM = Program.compile([Component("a"), Component("b")], {"a": 0, "b": 1})
-
-
-def two_targets(space: Space, twists: np.ndarray, frames: Any = None, program: Program = PROGRAM) -> PoseModel:
-    """Return two targets, each displaced by one of two formulas."""
-    factors = np.array([[0, -1, -1], [1, -1, -1]])
-    frames = np.array([np.eye(4)] * 2) if frames is None else frames
-    return pose_model(space, TermTable(np.eye(4), (None, None), frames, program, np.array([0, 1]), twists, factors))  # type: ignore[arg-type]
+def test_wide_angles() -> None:
+    for turn in (0.02, 0.2):
+        models = at_poses(12, 4, targets=3, terms=6, shift=1e-2, turn=turn)
+        assert any((layout.motions.series == WIDE).any() for layout in sampler.to_arrays_at_poses(models))
+        assert_as_one_at_a_time(models, "exact", 700)
 
 
 @pytest.mark.slow
@@ -436,10 +386,8 @@ def test_a_turn_of_nearly_half_a_turn_at_one_pose_of_many() -> None:
     rng = np.random.default_rng(4)
     models = []
     for reach in (1e-3, 3.0, 0.2):
-        axis = Rotation.random(random_state=rng).as_matrix()[0]
-        twists = np.zeros((2, 6))
-        twists[:, 3:] = [reach * axis, 1e-3 * axis]
-        models.append(two_targets(space, twists, np.array([random_frame(rng), random_frame(rng)])))
+        axis = [0, 0, 0, *Rotation.random(random_state=rng).as_matrix()[0]]
+        models.append(plain_table(space, [random_frame(rng), random_frame(rng)], np.outer([reach, 1e-3], axis)))
     assert_as_one_at_a_time(models, "exact", 1000)
     layouts = sampler.to_arrays_at_poses(models)
     errors = sampler.errors(layouts[1], "exact", 0, 0, 4000, pose=1)
@@ -456,13 +404,10 @@ def test_laws_of_every_kind_are_split_by_scope() -> None:
         "uniform": Uniform(0.5),
         "fixed": Fixed(0.5),
     }
-    draws = tuple(
-        Draw(f"{name}.{scope.value}", law, scope) for name, law in laws.items() for scope in (Scope.UNIT, Scope.VISIT)
-    )
-    matrix = ((1.0, 0.6), (0.6, 1.0))
-    groups = [tuple(f"{name}.{scope}" for name in ("other", "uniform")) for scope in ("visit", "unit")]
-    space = Space(draws, tuple(Correlation(names, matrix) for names in groups))
-    rng = np.random.default_rng(8)
+    scopes = (Scope.UNIT, Scope.VISIT)
+    draws = tuple(Draw(f"{name}.{scope.value}", law, scope) for name, law in laws.items() for scope in scopes)
+    groups = tuple(Correlation.pair(f"other.{scope.value}", f"uniform.{scope.value}", 0.6) for scope in scopes[::-1])
+    space, rng = Space(draws, groups), np.random.default_rng(8)
     first = plain_table(space, [random_frame(rng) for _ in range(space.size)], 1e-3 * rng.normal(size=(space.size, 6)))
     assert_as_one_at_a_time(moved(first, 1, 4), "exact", 600, pose=5, visit=3)
 
@@ -488,8 +433,7 @@ def test_poses_laid_out_together_are_those_laid_out_alone_and_those_can_be_joine
 def test_the_small_sketch_is_as_fine_as_it_says() -> None:
     edges = sampler.norm_edges()
     assert edges.shape == (loops.NORM_COLUMNS + 1,)
-    assert edges[0] == -np.inf
-    assert edges[-1] == np.inf
+    assert (edges[0], edges[-1]) == (-np.inf, np.inf)
     np.testing.assert_array_equal(edges, -edges[::-1])
     widths, inner = np.diff(edges[1:-1]), edges[1:-1]
     nearest = np.minimum(np.abs(inner[:-1]), np.abs(inner[1:]))
@@ -502,18 +446,24 @@ def test_wrong_inputs_are_told_in_a_line() -> None:
     models = at_poses(3, 2, targets=2, terms=9, shift=1e-3, turn=1e-3)
     layouts, plans = sampler.to_arrays_at_poses(models), planned(models)
     other = sampler.to_arrays_at_poses(at_poses(4, 1, targets=3, terms=9, shift=1e-3, turn=1e-3))
-    good: dict[str, Any] = {"poses": layouts, "plans": plans, "model": "exact", "seed": 0, "first": 0, "more": {}}
-    for changed, message in (
-        ({"poses": [], "plans": []}, "no poses to sample"),
-        ({"plans": plans[:1]}, "2 poses and 1 plans"),
-        ({"poses": [*layouts, *other], "plans": [*plans, plans[0]]}, "must be of one model"),
-        ({"plans": [plans[0], replace(plans[1], specifications=())]}, "different specifications"),
-        ({"model": "cubic"}, "model must be exact or linear"),
-        ({"seed": -1}, "the seed must be"),
-        ({"first": 1, "more": {"samples": 10}}, "none beyond the last sample"),
-        ({"more": {"first_pose": 2**20 - 2}}, "the pose must be a whole number from 0 to 1048574, got 1048575"),
+    for poses, of, model, seed, first, more, message in (
+        ([], [], "exact", 0, 0, {}, "no poses to sample"),
+        (layouts, plans[:1], "exact", 0, 0, {}, "2 poses and 1 plans"),
+        ([*layouts, *other], [*plans, plans[0]], "exact", 0, 0, {}, "must be of one model"),
+        (layouts, [plans[0], replace(plans[1], specifications=())], "exact", 0, 0, {}, "different specifications"),
+        (layouts, plans, "cubic", 0, 0, {}, "model must be exact or linear"),
+        (layouts, plans, "exact", -1, 0, {}, "the seed must be"),
+        (layouts, plans, "exact", 0, 1, {"samples": 10}, "none beyond the last sample"),
+        (
+            layouts,
+            plans,
+            "exact",
+            0,
+            0,
+            {"first_pose": 2**20 - 2},
+            "pose must be a whole number from 0 to 1048574, got 1048575",
+        ),
     ):
-        poses, of, model, seed, first, more = {**good, **changed}.values()
         with pytest.raises(InputError, match=message):
             sampler.observe_norms(poses, of, model, seed, first, 1, **more)
 
@@ -522,11 +472,13 @@ def test_wrong_inputs_are_told_in_a_line() -> None:
 def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> None:
     space = Space((Draw("a", Uniform(1.0), scope), Draw("b", Uniform(1.0))))
     plans = [Plan(np.zeros(8), np.ones(8))] * 2
+    a, b = Component("a"), Component("b")
 
-    def layouts(reach: float, formula: Any = None) -> list[SamplerArrays]:
-        program = PROGRAM if formula is None else Program.compile([formula, Component("b")], space.index)
+    def layouts(reach: float, formula: Expression = a) -> list[SamplerArrays]:
+        frames, factors = [np.eye(4)] * 2, [[0], [1]]
         twists = [np.outer([size, 0.0], np.eye(6)[5]) for size in (1e-3, reach)]
-        return sampler.to_arrays_at_poses([two_targets(space, one, program=program) for one in twists])
+        models = [model_of(space, frames, [0, 1], one, factors, formulas=[formula, b]) for one in twists]
+        return sampler.to_arrays_at_poses(models)
 
     turning = layouts(4.0)
     x = space.sample(0, 0, 1000, pose=1)[0]
@@ -538,7 +490,7 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
     assert abs(4.0 * x[told]) >= np.pi
     assert first // 256 == told // 256
     with pytest.raises(InputError, match=r"pose 0, sample 0: a parameter's formula fails"):
-        observe(layouts(1e-3, 1 / (Component("a") * 0.0)), plans, "exact", 0, 0, 1, samples=300)
+        observe(layouts(1e-3, 1 / (a * 0.0)), plans, "exact", 0, 0, 1, samples=300)
     with pytest.raises(InputError, match=r"pose 1, sample \d+: the error is not a finite number"):
         observe(layouts(1e200), plans, "linear", 0, 0, 1, samples=300)
     # beyond the last sample nothing is refused

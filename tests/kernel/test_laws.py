@@ -25,7 +25,7 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.statistics import accumulate
 from precision_pin.statistics.accumulate import LARGEST
-from support.sampling_checks import LAW_SPACE, exact_failures
+from support.sampling_checks import LAW_SPACE
 
 GAP = ((0.0, -1.0), (0.2, -0.5), (0.2, 0.1), (0.7, 0.1), (0.9, 2.0), (1.0, 2.5))
 MANY = tuple(np.random.default_rng(2).normal(size=1000).tolist())
@@ -75,20 +75,15 @@ def ulps(value: np.ndarray, expected: np.ndarray) -> float:
     return float(np.max(np.abs(value - expected) / np.spacing(np.abs(expected))))
 
 
-@pytest.mark.parametrize("mean", [0.0, 1e-300, -0.3])
-def test_a_uniform_number_has_the_bits_of_the_space_and_a_normal_one_nearly(mean: float) -> None:
-    drawn_from = [Uniform(0.1, mean), Normal(1.0), Uniform(1e-5 / 3, mean), Uniform(1e300, mean)]
-    scopes = [Scope.UNIT, Scope.UNIT, Scope.POSE, Scope.VISIT]
-    space = Space(tuple(Draw(f"a{k}", *both) for k, both in enumerate(zip(drawn_from, scopes, strict=True))))
+def test_a_uniform_number_has_the_bits_of_the_space_and_a_normal_one_nearly() -> None:
+    uniforms = [Uniform(half_width, mean) for half_width in (0.1, 1e-5 / 3, 1e300) for mean in (0.0, 1e-300, -0.3)]
+    scopes = [*Scope] * 3
+    draws = [Draw(f"a{k}", law, scope) for k, (law, scope) in enumerate(zip(uniforms, scopes, strict=True))]
+    space = Space((*draws, Draw("normal", Normal(1.0))))
     expected = space.sample(3, 5, 20_000, pose=2, visit=7)
     drawn = sampler.sample(layout_of(space), 3, 5, 20_000, pose=2, visit=7)
-    np.testing.assert_array_equal(drawn[[0, 2, 3]], expected[[0, 2, 3]])
-    assert ulps(drawn[1], expected[1]) <= 5
-
-
-def test_the_bits_are_those_of_the_papers() -> None:
-    layout = layout_of(LAW_SPACE)
-    assert exact_failures(lambda *units: sampler.sample(layout, *units), LAW_SPACE, seed=9, units=range(7, 27)) == []
+    np.testing.assert_array_equal(drawn[:-1], expected[:-1])
+    assert ulps(drawn[-1], expected[-1]) <= 5
 
 
 @pytest.mark.slow
@@ -231,16 +226,15 @@ def test_skewed_and_discrete_quantiles_on_an_injected_grid() -> None:
 
 def test_what_is_not_a_seed_a_unit_or_a_known_law_is_refused() -> None:
     layout = layout_of(EVERY_LAW)
-    for seed in (-1, 2**64, 1.5):
-        with pytest.raises(InputError, match="seed"):
-            sampler.sample(layout, seed, 0, 5)
-    for first, count in ((-1, 5), (0, -1), (2**63 - 4, 5), (1.0, 5)):
-        with pytest.raises(InputError, match="units are numbered from 0"):
-            sampler.sample(layout, 0, first, count)
+    for seed, first, count, pose, message in (
+        *((seed, 0, 5, 0, "seed") for seed in (-1, 2**64, 1.5)),
+        *((0, *units, 0, "units are numbered from 0") for units in ((-1, 5), (0, -1), (2**63 - 4, 5), (1.0, 5))),
+        (0, 0, 5, 2**20, "pose"),
+    ):
+        with pytest.raises(InputError, match=message):
+            sampler.sample(layout, seed, first, count, pose=pose)
     last = sampler.sample(layout, 0, 2**63 - 5, 5)
     np.testing.assert_allclose(last, EVERY_LAW.sample(0, 2**63 - 5, 5), rtol=0, atol=2e-15)
-    with pytest.raises(InputError, match="pose"):
-        sampler.sample(layout, 0, 0, 5, pose=2**20)
     assert sampler.sample(layout, 0, 0, 0).shape == (EVERY_LAW.size, 0)
 
     class Strange(SymmetricLaw):

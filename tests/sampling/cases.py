@@ -6,6 +6,7 @@ import random
 from concurrent.futures import Future
 from dataclasses import fields
 from typing import Any
+from weakref import WeakSet
 
 import numpy as np
 import psutil
@@ -56,13 +57,15 @@ class Muddled:
     def __init__(self, *, shuffle: random.Random | None = None) -> None:
         self.shuffle = shuffle
         self.tasks: list[tuple[Future[Any], Any, Any]] = []
+        self.alive: WeakSet[Future[Any]] = WeakSet()
         self.most = 0
         self.order: list[int] = []
 
     def submit(self, function: Any, /, *arguments: Any) -> Future[Any]:
         future: Future[Any] = Lazy(self)
         self.tasks.append((future, function, arguments))
-        self.most = max(self.most, len(self.tasks))
+        self.alive.add(future)
+        self.most = max(self.most, len(self.alive))
         return future
 
     def complete(self) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-import math
 import re
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,17 +30,7 @@ from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
 from precision_pin.sources import JointOffset
 from precision_pin.sources.backlash import Backlash
-from precision_pin.statistics import (
-    QUANTITIES,
-    Plan,
-    Specification,
-    SpecificationResult,
-    finish,
-    observe,
-    quantile_ranks,
-    quantity_values,
-    start,
-)
+from precision_pin.statistics import QUANTITIES, Specification, SpecificationResult, quantile_ranks, quantity_values
 from sampling.cases import AT, MODEL
 from support.checks.common import one_link
 from support.plain_robot import PlainRobot, geometric_jacobian
@@ -50,55 +41,49 @@ Q = np.random.default_rng(2).uniform(-1.5, 1.5, (len(JOINTS), 70))
 ARRAYS = [name for name, kind in PosesResult.__annotations__.items() if kind == "Array"]
 
 
-def offsets(scopes: dict[int, Scope]) -> ErrorModel:
-    """Return the paper's arm with random joint offsets, partly common to all poses and partly drawn at each pose."""
-    draws = [Draw(f"robot{k}", Normal(3e-3)) for k in range(len(JOINTS))]
-    draws += [Draw(f"again{k}", Uniform(3e-3), scope) for k, scope in scopes.items()]
-    sources = [
-        JointOffset(joint=JOINTS[k], offset=draw.name)
-        for k in range(len(JOINTS))
-        for draw in draws
-        if draw.name.endswith(str(k))
-    ]
-    return ErrorModel(MODEL.chain, Space(tuple(draws)), sources)
+STD = 3e-3
+ALL = range(len(JOINTS))
 
 
-MIXED = offsets({1: Scope.POSE, 2: Scope.VISIT})
+def offsets(*drawn: tuple[Any, ...]) -> ErrorModel:
+    """Return the paper's arm with joint offsets, each given by its joint's number, its law and, if not a unit's, its scope."""
+    draws = tuple(Draw(f"o{k}", *law_and_scope) for k, (_, *law_and_scope) in enumerate(drawn))
+    sources = [JointOffset(joint=JOINTS[of[0]], offset=draw.name) for of, draw in zip(drawn, draws, strict=True)]
+    return ErrorModel(MODEL.chain, Space(draws), sources)
+
+
+ONCE = [(k, Normal(STD)) for k in ALL]
+AGAIN = (1, Uniform(STD), Scope.POSE)
+MIXED = offsets(*ONCE, AGAIN, (2, Uniform(STD), Scope.VISIT))
 
 
 @pytest.mark.slow
 def test_each_pose_has_the_samples_of_one_pose_alone() -> None:
     # more poses than are worked on together, and a last block that is not full
     samples = BLOCK + 3000
-    found = sample_poses(MODEL, Q, samples=samples, seed=3, specifications=SPECIFICATIONS)
+    settings = {"samples": samples, "seed": 3, "specifications": SPECIFICATIONS}
+    found = sample_poses(MODEL, Q, **settings)
     assert found.poses == 70
     for pose in (0, 63, 64, 69):
-        alone = pp.monte_carlo(
-            MODEL, Q[:, pose], samples=samples, seed=3, specifications=SPECIFICATIONS, keep_samples=True
-        )
+        alone = pp.monte_carlo(MODEL, Q[:, pose], keep_samples=True, **settings)
         errors = alone.errors
-        assert errors is not None
         np.testing.assert_allclose(found.mean[:, pose], errors.mean(axis=1), rtol=1e-10, atol=1e-15)
         scale = np.abs(alone.covariance).max()
         np.testing.assert_allclose(found.covariance[:, :, pose], np.cov(errors), rtol=0, atol=1e-10 * scale)
-        norms = np.stack([np.linalg.norm(errors[:3], axis=0), np.linalg.norm(errors[3:], axis=0)])
+        norms = quantity_values(errors)[[0, 4]]
         np.testing.assert_allclose(found.norm_mean[:, pose], norms.mean(axis=1), rtol=1e-10)
         np.testing.assert_allclose(found.norm_std[:, pose], norms.std(axis=1, ddof=1), rtol=1e-8)
         np.testing.assert_allclose(found.norm_max[:, pose], norms.max(axis=1), rtol=1e-14)
+        ordered, width = np.sort(norms, axis=1), 0.13 * found.norm_std[:, pose]
         for k, level in enumerate(LEVELS):
-            exact = np.quantile(norms, level, axis=1)
-            assert (np.abs(found.quantile[k, :, pose] - exact) <= found.quantile_resolution[k, :, pose]).all()
-            assert (found.quantile_resolution[k, :, pose] <= 0.13 * found.norm_std[:, pose]).all()
+            resolution = found.quantile_resolution[k, :, pose]
+            assert (np.abs(found.quantile[k, :, pose] - np.quantile(norms, level, axis=1)) <= resolution).all()
+            assert (resolution <= width).all()
             # the bins only widen the interval between two order statistics, by less than a bin on either side
-            ranks = quantile_ranks(samples, level, 0.95)
-            assert ranks is not None
-            ordered = np.sort(norms, axis=1)
+            lowest, highest = ordered[:, np.array(quantile_ranks(samples, level, 0.95)) - 1].T
             lower, upper = found.quantile_interval[k, :, :, pose].T
-            width = 0.13 * found.norm_std[:, pose]
-            assert (lower <= ordered[:, ranks[0] - 1]).all()
-            assert (lower >= ordered[:, ranks[0] - 1] - width).all()
-            assert (upper >= ordered[:, ranks[1] - 1]).all()
-            assert (upper <= ordered[:, ranks[1] - 1] + width).all()
+            assert ((lowest - width <= lower) & (lower <= lowest)).all()
+            assert ((highest <= upper) & (upper <= highest + width)).all()
         for k, specification in enumerate(alone.summary.specifications):
             assert found.probability[k, pose] == specification.probability
             np.testing.assert_array_equal(found.probability_interval[k, :, pose], specification.interval)
@@ -117,34 +102,32 @@ def test_few_samples_resolve_little(model: Any, samples: int) -> None:
 
 
 @pytest.mark.slow
-def test_any_number_of_threads_gives_the_same_bits() -> None:
+def test_threads_processes_and_an_executor_give_the_same_bits() -> None:
     told: list[int] = []
-    samples, settings = 3 * BLOCK + 77, {"specifications": SPECIFICATIONS, "progress": told.append}
-    one, many = (sample_poses(MIXED, Q[:, :66], samples=samples, threads=n, **settings) for n in (1, 3))
-    for name in ARRAYS:
-        np.testing.assert_array_equal(getattr(one, name), getattr(many, name), err_msg=name)
-    assert sum(told) == 2 * 66 * samples
-    assert len(told) > 4
+    samples, settings = BLOCK + 77, {"specifications": SPECIFICATIONS, "progress": told.append}
+    with ThreadPoolExecutor(3) as pool:
+        workers: list[Any] = [{"threads": 1}, {"threads": 3}, {"processes": 1}, {"executor": pool}]
+        one, *others = (sample_poses(MIXED, Q[:, :66], samples=samples, **how, **settings) for how in workers)
+        maps = [pp.map_poses(MODEL, Q[:, :5], samples=400, **how).to_json() for how in (workers[0], workers[-1])]
+    assert maps[0] == maps[1]
+    for other, name in itertools.product(others, ARRAYS):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    assert sum(told) == 4 * 66 * samples
+    assert len(told) > 8
 
 
 def test_a_group_that_is_done_is_told_of_before_the_next_is_laid_out(monkeypatch: pytest.MonkeyPatch) -> None:
     happened: list[str] = []
     lay_out = sampler.to_arrays_at_poses
 
-    class AtOnce:
-        """Executor that runs a call before it returns the future."""
+    def at_once(function: Any, *arguments: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(function(*arguments))
+        return future
 
-        def submit(self, function: Any, *arguments: Any) -> Future[Any]:
-            future: Future[Any] = Future()
-            future.set_result(function(*arguments))
-            return future
-
-    def laid_out(poses: Any) -> Any:
-        happened.append("laid out")
-        return lay_out(poses)
-
-    monkeypatch.setattr(sampler, "to_arrays_at_poses", laid_out)
-    sample_poses(MODEL, Q, samples=100, executor=AtOnce(), progress=lambda _: happened.append("told"))
+    monkeypatch.setattr(sampler, "to_arrays_at_poses", lambda poses: happened.append("laid out") or lay_out(poses))
+    executor = SimpleNamespace(submit=at_once)
+    sample_poses(MODEL, Q, samples=100, executor=executor, progress=lambda _: happened.append("told"))
     assert happened == ["laid out", "told"] * 2
 
 
@@ -162,8 +145,7 @@ def test_a_wrong_pose_of_a_list_is_named() -> None:
 
 def test_poses_do_not_depend_on_those_beside_them_but_for_rounding() -> None:
     together = sample_poses(MIXED, Q[:, :5], samples=500, seed=1)
-    alone = sample_poses(MIXED, Q[:, :1], samples=500, seed=1)
-    np.testing.assert_array_equal(together.mean[:, 0], alone.mean[:, 0])
+    np.testing.assert_array_equal(together.mean[:, 0], sample_poses(MIXED, Q[:, :1], samples=500, seed=1).mean[:, 0])
     layouts = sampler.to_arrays_at_poses(list(MIXED.at_columns(Q[:, :5])))
     assert all(layout.draws is layouts[0].draws and layout.formulas is layouts[0].formulas for layout in layouts)
     again = sampler.errors(layouts[4], "exact", 1, 0, 500, pose=4)
@@ -174,24 +156,22 @@ def test_poses_do_not_depend_on_those_beside_them_but_for_rounding() -> None:
 def test_covariance_between_poses_against_samples() -> None:
     samples, pairs = 40_000, [(0, 1), (2, 3), (1, 1)]
     found = sample_poses(MIXED, Q[:, :4], samples=10, seed=5)
-    errors = [
-        sampler.errors(sampler.to_arrays(MIXED.at(Q[:, pose])), "exact", 5, 0, samples, pose=pose) for pose in range(4)
-    ]
+    at = [MIXED.at(q) for q in Q[:, :4].T]
+    errors = [sampler.errors(sampler.to_arrays(one), "exact", 5, 0, samples, pose=k) for k, one in enumerate(at)]
     # 99.9 % confidence that all of the numbers compared lie within: Bonferroni over pairs × 36
     factor = stats.norm.ppf(1 - 0.0005 / (len(pairs) * 36))
     for one, other in pairs:
         closed = found.between(one, other)
         sample = np.cov(errors[one], errors[other])[:6, 6:]
-        centred = [part - part.mean(axis=1, keepdims=True) for part in (errors[one], errors[other])]
-        spread = np.sqrt(np.einsum("in,jn->ij", centred[0] ** 2, centred[1] ** 2) / samples - sample**2)
+        squares = [(part - part.mean(axis=1, keepdims=True)) ** 2 for part in (errors[one], errors[other])]
+        spread = np.sqrt(squares[0] @ squares[1].T / samples - sample**2)
         # the tangent leaves out what offsets of 3 mrad do in second order, 1e-5 of the covariance at most
         limit = factor * spread / np.sqrt(samples) + 1e-4 * np.abs(closed).max()
         assert (np.abs(sample - closed) <= limit).all()
     np.testing.assert_allclose(found.between(0, 1), found.between(1, 0).T, rtol=1e-12, atol=1e-20)
     # what is drawn anew at each pose has no part in it, but a part in the pose's own covariance
-    at = MIXED.at(Q[:, 1])
-    np.testing.assert_allclose(found.between(1, 1), at.covariance, rtol=1e-12, atol=1e-20)
-    all_draws = MIXED.at(Q[:, 0]).jacobian @ MIXED.space.covariance @ at.jacobian.T
+    np.testing.assert_allclose(found.between(1, 1), at[1].covariance, rtol=1e-12, atol=1e-20)
+    all_draws = at[0].jacobian @ MIXED.space.covariance @ at[1].jacobian.T
     assert np.abs(found.between(0, 1) - all_draws).max() > 0.1 * np.abs(all_draws).max()
 
 
@@ -208,25 +188,14 @@ def test_poses_by_name_and_by_joint() -> None:
 
 @pytest.mark.slow
 def test_as_a_dataset() -> None:
-    pytest.importorskip("xarray")
     found = sample_poses(MODEL, Q[:, :3], samples=1000, seed=9, specifications=SPECIFICATIONS)
     data = found.to_xarray()
-    assert dict(data.sizes)["pose"] == 3
+    assert (dict(data.sizes)["pose"], data.attrs["seed"], data.attrs["samples"]) == (3, "9", "1000")
     assert data["quantile"].sel(probability=0.95, norm="attitude", pose=2) == found.quantile[1, 1, 2]
     assert data["covariance"].sel(component="dx", component_2="rz", pose=1) == found.covariance[0, 5, 1]
     assert data["inside_interval"].sel(end="upper").shape == (2, 3)
-    assert data.attrs["seed"] == "9"
-    assert data.attrs["samples"] == "1000"
     assert "precision-pin" in data.attrs["versions"]
     assert "3 poses" in repr(found)
-
-
-def test_an_interrupt_ends_the_run() -> None:
-    def interrupt(_: int) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        sample_poses(MODEL, Q, samples=100, progress=interrupt)
 
 
 WRONG: list[tuple[Any, dict[str, Any], str]] = [
@@ -267,15 +236,13 @@ def test_errors_far_too_large() -> None:
         (1e160, "exact", "half a turn|too large to compute with"),
         (1e300, "linear", "too large to compute with|not a finite number"),
     ):
-        far = ErrorModel(MODEL.chain, Space((Draw("a", Normal(std)),)), [JointOffset(joint=JOINTS[0], offset="a")])
         with pytest.raises(InputError, match=message):
-            sample_poses(far, Q[:, :2], samples=10, model=model)  # type: ignore[arg-type]
+            sample_poses(offsets((0, Normal(std))), Q[:, :2], samples=10, model=model)  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
 def test_strained_statics_are_said_of_the_worst_pose() -> None:
     loaded = ErrorModel.load(PAPER_SHEET)
-    assert loaded.sheet is not None
     model = ErrorModel(loaded.chain, loaded.sheet.space, loaded.sources, loaded.poses)
     q = model.configuration()
     with pytest.warns(PrecisionPinWarning, match="W_STATICS: pose 3: loads at the undeflected pose"):
@@ -318,19 +285,19 @@ def test_every_pose_has_the_verdict_of_that_pose_alone() -> None:
 
 
 def test_the_worst_pose_decides() -> None:
-    met, undecided, missed, alike = (
-        (0.95, 0.92, 0.97, True),
-        (0.9, 0.88, 0.92, True),
-        (0.8, 0.78, 0.82, True),
-        (1.0, 0.99, 1.0, False),
-    )
-    assert (judged(met, met).verdict, judged(met, met).met) == ("met", True)
-    assert (judged(met, undecided).verdict, judged(met, undecided).worst) == ("undecided", 1)
-    assert (judged(undecided, missed, met).verdict, judged(undecided, missed, met).worst) == ("not met", 1)
-    # a pose at which no tolerance was tried shows nothing, as alone
-    assert (judged(met, alike).verdict, judged(met, alike).met) == ("nothing to judge", False)
-    # of the same share the pose with the larger errors
-    assert judged(met, met, met).worst == 2
+    met, undecided, missed = (0.95, 0.92, 0.97, True), (0.9, 0.88, 0.92, True), (0.8, 0.78, 0.82, True)
+    alike = (1.0, 0.99, 1.0, False)
+    for outcomes, verdict, worst in (
+        ((met, met), "met", 1),
+        ((met, undecided), "undecided", 1),
+        ((undecided, missed, met), "not met", 1),
+        # a pose at which no tolerance was tried shows nothing, as alone
+        ((met, alike), "nothing to judge", 1),
+        # of the same share the pose with the larger errors
+        ((met, met, met), "met", 2),
+    ):
+        found = judged(*outcomes)
+        assert (found.verdict, found.met, found.worst) == (verdict, verdict == "met", worst), verdict
 
 
 @pytest.mark.slow
@@ -357,17 +324,15 @@ def test_the_plot_shows_the_quantiles_the_limit_and_the_poses_that_miss_it() -> 
     found = sample_poses(MODEL, FIVE, samples=2000, specifications=["40 mm"])
     missed = [pose for pose, of in enumerate(found.specification_results[0].results) if of.verdict == "not met"]
     assert missed
-    figure = Figure()
-    axes = figure.subplots()
+    axes = Figure().subplots()
     assert found.plot(axes=axes) is axes
     lines = [line.get_ydata() for line in axes.get_lines()]
-    assert any(np.allclose(line, 1e3 * found.quantile[1, 0]) for line in lines if len(line) == 5)
-    assert any(np.allclose(line, [40, 40]) for line in lines if len(line) == 2)
+    for expected in (1e3 * found.quantile[1, 0], [40, 40]):
+        assert any(len(line) == len(expected) and np.allclose(line, expected) for line in lines)
     assert sum(patch.get_x() + 0.5 - 1 in missed for patch in axes.patches) == len(missed)
-    made = found.plot("attitude")
+    assert isinstance(found.plot("attitude"), Figure)
     width, height = 25.4 * pp.monte_carlo(MODEL, samples=200).plot("components").get_size_inches()
     assert (width, height < width) == (pytest.approx(174), True)
-    assert isinstance(made, Figure)
     assert sample_poses(MODEL, np.tile(FIVE, 8), samples=2).plot() is not None
     with pytest.raises(UnknownNameError, match="quantity"):
         found.plot("position.x")
@@ -376,76 +341,44 @@ def test_the_plot_shows_the_quantiles_the_limit_and_the_poses_that_miss_it() -> 
 @pytest.mark.slow
 def test_everywhere_is_the_count_of_robots_that_keep_the_limit_at_all_poses() -> None:
     # more robots than a task has, the last task not full
-    samples = 18_000
-    largest = np.zeros((2, samples))
-    for q in FIVE.T:
-        errors = pp.monte_carlo(MODEL, q, samples=samples, seed=9, keep_samples=True).errors
-        assert errors is not None
-        largest = np.maximum(largest, [np.linalg.norm(errors[:3], axis=0), np.abs(errors[2])])
+    settings = {"samples": 18_000, "seed": 9}
+    at_poses = [pp.monte_carlo(MODEL, q, keep_samples=True, **settings).errors for q in FIVE.T]
+    largest = np.max([np.abs(quantity_values(errors)[[0, 3]]) for errors in at_poses], axis=0)
     limits = np.quantile(largest, 0.3, axis=1)
-    specifications = [
-        Specification(f"position.{part}", limit, 0.5) for part, limit in zip(("norm", "z"), limits, strict=True)
-    ]
     kept = largest <= limits[:, None]
-    found = sample_poses(
-        MODEL, FIVE, samples=samples, seed=9, specifications=specifications, everywhere=True, threads=2
-    )
+    asked = [Specification(name, limit, 0.5) for name, limit in zip(("position.norm", "z"), limits, strict=True)]
+    found = sample_poses(MODEL, FIVE, specifications=asked, everywhere=True, threads=2, **settings)
     assert found.kept_everywhere == tuple(kept.sum(axis=1))
     entry = json.loads(found.to_json())["spec"][0]["everywhere"]
     assert entry["probability"] == kept[0].mean()
-
-
-def first_joint(scope: Scope) -> ErrorModel:
-    """Return the paper's arm with one normal offset of its first joint."""
-    source = JointOffset(joint=MODEL.chain.joint_names[0], offset="turn")
-    return ErrorModel(MODEL.chain, Space((Draw("turn", Normal(1e-3), scope),)), [source])
 
 
 def test_at_equal_poses_robots_keep_it_at_all_or_none_if_drawn_once_and_independently_if_drawn_anew() -> None:
     same = np.repeat(FIVE[:, :1], 3, axis=1)
     for scope, power in ((Scope.UNIT, 1), (Scope.POSE, 3)):
         # the turn about its axis is inside a standard deviation for 68.27 % of the draws
-        found = sample_poses(
-            first_joint(scope), same, samples=40_000, specifications=["attitude 1 mrad @ 50 %"], everywhere=True
-        )
+        asked = {"samples": 40_000, "specifications": ["attitude 1 mrad @ 50 %"], "everywhere": True}
+        found = sample_poses(offsets((0, Normal(1e-3), scope)), same, **asked)
         of_all = found.specification_results[0].everywhere
-        assert of_all is not None
         expected = (2 * stats.norm.cdf(1) - 1) ** power
         assert abs(of_all.probability - expected) < 4.5 * np.sqrt(expected * (1 - expected) / 40_000)
-        if scope is Scope.UNIT:
-            assert of_all.probability == found.probability[0, 0]
-            assert found.met
-        else:
-            # met at every pose, but not by enough robots at all of them
-            assert all(result.met for result in found.specification_results[0].results)
-            assert found.specification_results[0].verdict == "not met"
-            assert not found.met
+        assert (of_all.probability == found.probability[0, 0]) == (power == 1)
+        # met at every pose, but not by enough robots at all of them
+        assert all(result.met for result in found.specification_results[0].results)
+        assert (found.met, found.specification_results[0].verdict == "met") == (power == 1, power == 1)
 
 
-VECTORS = ("position", "attitude")
 STRETCHED = ([0, 0, 0, 0], [0, 90, 0, 0], [-90, 0, 0, -90], [-90, 0, 0, 0], [0, -90, 0, 0], [90, 0, 90, 0])
 """Poses of the paper's arm along its axes, degrees: some components are moved by products of offsets alone."""
-
-
-def all_offset(law: Law) -> ErrorModel:
-    draws = tuple(Draw(f"o{k}", law) for k in range(len(JOINTS)))
-    return ErrorModel(
-        MODEL.chain, Space(draws), [JointOffset(joint=JOINTS[k], offset=draw.name) for k, draw in enumerate(draws)]
-    )
-
-
-def values_of(errors: np.ndarray) -> dict[str, np.ndarray]:
-    rows = [np.sqrt((errors[:3] ** 2).sum(axis=0)), *errors[:3], np.sqrt((errors[3:] ** 2).sum(axis=0)), *errors[3:]]
-    return dict(zip(QUANTITIES, rows, strict=True))
 
 
 @pytest.mark.fast(2)
 @pytest.mark.parametrize("number", range(len(STRETCHED)))
 def test_quantiles_are_those_of_the_sorted_samples_where_the_first_order_vanishes(number: int) -> None:
     law = (Normal(1e-3), Uniform(1e-3), Lognormal(1e-3, 1e-3))[number % 3]
-    found = pp.monte_carlo(all_offset(law), np.radians(STRETCHED[number]), samples=20_000, keep_samples=True)
-    assert found.errors is not None
-    for quantity, values in values_of(found.errors).items():
+    model = offsets(*((k, law) for k in ALL))
+    found = pp.monte_carlo(model, np.radians(STRETCHED[number]), samples=20_000, keep_samples=True)
+    for quantity, values in zip(QUANTITIES, quantity_values(found.errors), strict=True):
         if np.abs(values).max() < 1e-14:
             continue
         distribution = found.summary.distribution(quantity)
@@ -457,30 +390,9 @@ def test_quantiles_are_those_of_the_sorted_samples_where_the_first_order_vanishe
     assert not any("W_BINS" in warning for warning in found.warnings)
 
 
-@pytest.mark.slow
-def test_squares_and_products_of_numbers_of_mean_zero():
-    """X₁² + X₂² of normal numbers has the median 2 ln 2; planned from first-order spreads it was eight times that."""
-    random = np.random.default_rng(1)
-    one, other = 5e-3 * random.standard_normal((2, 200_000))
-    errors = np.zeros((6, one.size))
-    errors[0], errors[1], errors[2] = one**2 + other**2, one * other, one
-    plan = Plan.from_pilot(quantity_values(errors[:, :512]), np.array([0, 0, 5e-2, 0, 0, 0]))
-    found = finish(plan, observe(plan, start(plan), errors))
-    assert found.position.x.quantile(0.5) == pytest.approx(2 * math.log(2) * 25e-6, rel=0.02)
-    for distribution, values in ((found.position.x, errors[0]), (found.position.y, errors[1])):
-        for level in distribution.levels:
-            assert distribution.quantile(level) == pytest.approx(np.quantile(values, level), abs=0.01 * values.std())
-
-
-@pytest.mark.slow
-def test_the_plan_is_decided_by_the_model_and_the_seed_alone():
-    layout = sampler.to_arrays(AT)
-    plan, again = planned(AT, layout, "exact", 3), planned(AT, layout, "exact", 3)
-    np.testing.assert_array_equal(plan.centre, again.centre)
-    np.testing.assert_array_equal(plan.scale, again.scale)
-    # the middle of the seed's first samples, whatever the run's length
+def test_the_plan_is_the_middle_of_the_seed_s_first_samples_whatever_the_length():
+    plan = planned(AT, sampler.to_arrays(AT), "exact", 3)
     errors = pp.monte_carlo(MODEL, "paper", samples=512, seed=3, keep_samples=True).errors
-    assert errors is not None
     ordered = np.sort(quantity_values(errors), axis=1)
     assert (ordered[:, 250] <= plan.centre).all()
     assert (plan.centre <= ordered[:, 261]).all()
@@ -490,13 +402,10 @@ def test_the_plan_is_decided_by_the_model_and_the_seed_alone():
 
 def test_a_run_that_ends_before_the_pilot_fails_is_not_stopped_by_it():
     # an offset of more than half a turn, which is refused, in one robot of 400
-    model = all_offset(TwoPoint(2.0, 2.0, probability=1 / 400))
+    model = offsets(*((k, TwoPoint(2.0, 2.0, probability=1 / 400)) for k in ALL))
     layout = sampler.to_arrays(model.at([0, 0, 0, 0]))
-    seed = next(
-        seed
-        for seed in range(50)
-        if (sampler.sample(layout, seed, 0, 512) > 0).any() and not (sampler.sample(layout, seed, 0, 30) > 0).any()
-    )
+    jumps = ((seed, np.flatnonzero(sampler.sample(layout, seed, 0, 512).any(axis=0))) for seed in range(50))
+    seed = next(seed for seed, units in jumps if units.size and units[0] >= 30)
     assert pp.monte_carlo(model, [0, 0, 0, 0], samples=30, seed=seed).samples == 30
     with pytest.raises(pp.InputError, match="half a turn"):
         pp.monte_carlo(model, [0, 0, 0, 0], samples=512, seed=seed)
@@ -505,20 +414,14 @@ def test_a_run_that_ends_before_the_pilot_fails_is_not_stopped_by_it():
 @pytest.mark.filterwarnings("ignore:.*W_BINS")
 def test_a_result_warns_of_quantiles_in_wide_bins():
     """Offsets that jump in one robot of a thousand: a stretched arm's dz is zero or a product of jumps, no pilot tells which."""
-    found = pp.monte_carlo(
-        all_offset(TwoPoint(1e-3, 1e-3, probability=1e-3)),
-        np.radians([0, 90, 0, 0]),
-        samples=200_000,
-        keep_samples=True,
-    )
-    assert found.errors is not None
-    warned = [line for line in found.warnings if "W_BINS" in line]
-    assert any("position.z" in line for line in warned)
-    for level in found.position.z.levels:
-        exact = np.quantile(found.errors[2], level)
-        low, high = found.position.z.quantile_interval(level)
+    model = offsets(*((k, TwoPoint(1e-3, 1e-3, probability=1e-3)) for k in ALL))
+    found = pp.monte_carlo(model, np.radians([0, 90, 0, 0]), samples=200_000, keep_samples=True)
+    assert any("W_BINS" in line and "position.z" in line for line in found.warnings)
+    z = found.position.z
+    for level, exact in zip(z.levels, np.quantile(found.errors[2], z.levels), strict=True):
+        low, high = z.quantile_interval(level)
         assert low <= exact <= high
-        assert abs(found.position.z.quantile(level) - exact) <= found.position.z.quantile_error(level)
+        assert abs(z.quantile(level) - exact) <= z.quantile_error(level)
     assert not any("W_BINS" in line for line in pp.monte_carlo(MODEL, "paper", samples=20_000).warnings)
 
 
@@ -552,14 +455,11 @@ def test_skewness_of_a_single_number_is_that_of_its_quantiles(law: Law) -> None:
 
 def test_a_jump_that_no_sample_shows_leaves_the_deviation_unresolved():
     """One robot in 100,000 has an offset of 20 mrad: the samples look normal, and no interval of theirs holds the truth."""
-    laws = (Normal(1e-4), TwoPoint(1e-2, 1e-2, probability=1e-5))
-    draws = tuple(Draw(f"o{k}", law) for k, law in enumerate(laws))
-    sources = [JointOffset(joint=JOINTS[k], offset=draw.name) for k, draw in enumerate(draws)]
-    found = pp.monte_carlo(ErrorModel(MODEL.chain, Space(draws), sources), np.radians([0, 45, 0, 0]), samples=3000)
-    distributions = [found.summary.distribution(f"{vector}.{axis}") for vector in VECTORS for axis in "xyz"]
-    assert any(one.std > 0 and one.std_interval() is None for one in distributions)
-    for vector in VECTORS:
-        assert found.summary.distribution(f"{vector}.norm").std_interval() is None
+    model = offsets((0, Normal(1e-4)), (1, TwoPoint(1e-2, 1e-2, probability=1e-5)))
+    found = pp.monte_carlo(model, np.radians([0, 45, 0, 0]), samples=3000)
+    of = {quantity: found.summary.distribution(quantity) for quantity in QUANTITIES}
+    assert any(one.std > 0 and one.std_interval() is None for name, one in of.items() if "norm" not in name)
+    assert of["position.norm"].std_interval() is of["attitude.norm"].std_interval() is None
 
 
 TARGET = "95 % to 0.03 mm"
@@ -572,62 +472,58 @@ def test_it_stops_at_the_first_look_that_is_precise_enough() -> None:
     assert found.samples == looks * BLOCK
     assert looks & (looks - 1) == 0
     assert looks > 1
-    # an interval of a quantile by the law's density: z·√(p (1 - p) / N) / density, here to within a fifth
-    norm = found.position.norm
-    step = norm.quantile(0.955) - norm.quantile(0.945)
-    about = 1.96 * np.sqrt(0.95 * 0.05 / found.samples) * step / 0.01
-    # and each end is moved out to the edge of its bin
-    low, high = norm.quantile_interval(0.95)
-    assert (high - low) / 2 == pytest.approx(about + norm.quantile_error(0.95) / 2, rel=0.2)
-    assert norm.half_width(0.95) <= 3e-5
+    half_width = found.position.norm.half_width(0.95)
+    assert half_width <= 3e-5
     before = pp.monte_carlo(MODEL, samples=found.samples // 2)
     assert before.position.norm.half_width(0.95) > 3e-5
-    told = {"target": TARGET, "half_width": pytest.approx(norm.half_width(0.95)), "tolerance": pytest.approx(3e-5)}
-    assert found.to_dict()["until"] == [{**told, "reached": True}]
+    told = {
+        "target": TARGET,
+        "half_width": pytest.approx(half_width),
+        "tolerance": pytest.approx(3e-5),
+        "reached": True,
+    }
     known = pp.monte_carlo(MODEL, samples=found.samples).to_dict()
-    assert {key: value for key, value in found.to_dict().items() if key != "until"} == known
+    assert found.to_dict() == {**known, "until": [told]}
 
 
 @pytest.mark.slow
 def test_a_run_that_was_stopped_goes_on_to_the_same_end(tmp_path: Path) -> None:
-    whole = pp.monte_carlo(MODEL, samples=10**8, until=[TARGET])
-    journal = tmp_path / "run.journal"
+    settings = {"samples": 10**8, "until": [TARGET], "threads": 1}
+    saved = {**settings, "journal": tmp_path / "run.journal", "resume": True}
     for stop_after in (1, 3):
-        seen = 0
+        seen = itertools.accumulate(itertools.repeat(1))
 
-        def progress(count: int, stop_after: int = stop_after) -> None:
-            nonlocal seen
-            seen += count
-            if seen >= stop_after * BLOCK:
+        def progress(count: int, seen: Any = seen, stop_after: int = stop_after) -> None:
+            if count * next(seen) >= stop_after * BLOCK:
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            pp.monte_carlo(
-                MODEL, samples=10**8, until=[TARGET], journal=journal, resume=True, threads=1, progress=progress
-            )
-    resumed = pp.monte_carlo(MODEL, samples=10**8, until=[TARGET], journal=journal, resume=True)
-    assert resumed.to_dict() == whole.to_dict()
+            pp.monte_carlo(MODEL, progress=progress, **saved)
+    assert pp.monte_carlo(MODEL, **saved).to_dict() == pp.monte_carlo(MODEL, **settings).to_dict()
     with pytest.raises(InputError, match=r"until was '95 % to 0\.03 mm', is '95 % to 0\.04 mm'"):
-        pp.monte_carlo(MODEL, samples=10**8, until=["95 % to 0.04 mm"], journal=journal, resume=True)
+        pp.monte_carlo(MODEL, **{**saved, "until": ["95 % to 0.04 mm"]})
 
 
 @pytest.mark.filterwarnings("ignore:.*W_UNTIL")
 def test_samples_that_do_not_suffice_are_told_with_how_many_would() -> None:
     found = pp.monte_carlo(MODEL, samples=3 * BLOCK + 5, until=["mean to 1 um"])
     assert found.samples == 3 * BLOCK + 5
-    told = [line for line in found.warnings if "W_UNTIL" in line]
-    assert len(told) == 1
-    expected = found.samples * (1.96 * found.position.norm.std / np.sqrt(found.samples) / 1e-6) ** 2
-    assert float(re.search(r"about (\S+) are needed", told[0])[1]) == pytest.approx(expected, rel=0.01)
+    (told,) = [line for line in found.warnings if "W_UNTIL" in line]
+    expected = (1.96 * found.position.norm.std / 1e-6) ** 2
+    assert float(re.search(r"about (\S+) are needed", told)[1]) == pytest.approx(expected, rel=0.01)
 
 
 def test_what_no_number_of_samples_gives_is_refused() -> None:
-    with pytest.raises(InputError, match=r"resolved to \S+ m only, the target.s tolerance is 1e-06 m"):
-        pp.monte_carlo(MODEL, samples=10**12, until=["99.73 % to 1 um"])
-    with pytest.raises(InputError, match="target 'sometime' is not understood"):
-        pp.monte_carlo(MODEL, until=["sometime"])
-    with pytest.raises(InputError, match="keep_samples is not possible"):
-        pp.monte_carlo(MODEL, until=[TARGET], keep_samples=True)
+    for asked, message in (
+        (
+            {"samples": 10**12, "until": ["99.73 % to 1 um"]},
+            r"resolved to \S+ m only, the target.s tolerance is 1e-06 m",
+        ),
+        ({"until": ["sometime"]}, "target 'sometime' is not understood"),
+        ({"until": [TARGET], "keep_samples": True}, "keep_samples is not possible"),
+    ):
+        with pytest.raises(InputError, match=message):
+            pp.monte_carlo(MODEL, **asked)
 
 
 @pytest.mark.slow
@@ -662,58 +558,39 @@ def test_backlash_alone_by_hand() -> None:
     chord = 2 * np.sin(GAP / 2)
     np.testing.assert_allclose(found.variation, chord, rtol=1e-11)
     np.testing.assert_allclose(found.unidirectional, 0.0, atol=1e-15)
-    two = pp.sample_approaches(model, [0.0], approaches=["hinge +", "hinge -"], robots=50, cycles=4)
+    sides: dict[str, Any] = {"approaches": ["hinge +", "hinge -"], "robots": 50, "cycles": 4}
+    two = pp.sample_approaches(model, [0.0], **sides)
     np.testing.assert_allclose(two.bidirectional, chord / 2, rtol=1e-9)
+    np.testing.assert_array_equal(two.shifts, two.errors[:, :, :3])
     # behind the drive: below the nominal place after going up
     zero = model.space.sample(0, 0, 50)[model.space.index["zero"]]
     np.testing.assert_allclose(two.errors[0, 0, 1], np.sin(zero - GAP / 2), rtol=0, atol=1e-15)
+    # of the robots from the eighth on, a point that lies sqrt(2² + 0.5²) m from the axis
+    point = pp.sample_approaches(model, [0.0], target=(1.0, 0.5, 0.2), first=7, **{**sides, "robots": 43})
+    np.testing.assert_allclose(point.variation, chord * np.hypot(2.0, 0.5), rtol=1e-11)
+    np.testing.assert_array_equal(point.errors, two.errors[..., 7:])
 
 
 @pytest.mark.slow
 def test_visits_against_the_formulas_of_the_standard() -> None:
     model = hinge(Draw("visit", Uniform(2e-3), Scope.VISIT), Draw("pose", Normal(1e-3), Scope.POSE))
     found = pp.sample_approaches(model, [0.0], approaches=["hinge +", "hinge -"], robots=3, cycles=30, seed=5, number=7)
-    at = {sign: model.at([0.0], approach=f"hinge {sign}") for sign in "+-"}
+    at = [model.at([0.0], approach=f"hinge {sign}") for sign in "+-"]
     for robot in range(3):
-        clouds = []
-        for rank, sign in enumerate("+-"):
-            visits = [
-                at[sign].exact(model.space.sample(5, robot, 1, pose=7, visit=30 * rank + cycle))[:3, 0]
-                for cycle in range(30)
+        visits = np.array(
+            [
+                at[rank].exact(model.space.sample(5, robot, 1, pose=7, visit=30 * rank + cycle))[:, 0]
+                for rank, cycle in np.ndindex(2, 30)
             ]
-            clouds.append(np.array(visits))
-            np.testing.assert_allclose(found.errors[rank, :, :3, robot], visits, rtol=0, atol=1e-14)
-        barycentres = [cloud.mean(axis=0) for cloud in clouds]
-        assert found.variation[robot] == pytest.approx(np.linalg.norm(barycentres[0] - barycentres[1]), rel=1e-9)
-        for cloud, value in (
-            (clouds[0], found.unidirectional[0, robot]),
-            (np.concatenate(clouds), found.bidirectional[robot]),
-        ):
-            lengths = [float(np.linalg.norm(visit - cloud.mean(axis=0))) for visit in cloud]
-            mean = sum(lengths) / len(lengths)
-            spread = np.sqrt(sum((length - mean) ** 2 for length in lengths) / (len(lengths) - 1))
-            assert value == pytest.approx(mean + 3 * spread, rel=1e-9)
+        )
+        np.testing.assert_allclose(found.errors[..., robot].reshape(60, 6), visits, rtol=0, atol=1e-14)
+        up, down = visits[:30, :3], visits[30:, :3]
+        distance = np.linalg.norm(up.mean(axis=0) - down.mean(axis=0))
+        assert found.variation[robot] == pytest.approx(distance, rel=1e-9)
+        for cloud, value in ((up, found.unidirectional[0, robot]), (visits[:, :3], found.bidirectional[robot])):
+            lengths = np.linalg.norm(cloud - cloud.mean(axis=0), axis=1)
+            assert value == pytest.approx(lengths.mean() + 3 * lengths.std(ddof=1), rel=1e-9)
     assert (found.bidirectional > found.unidirectional).all()
-
-
-def test_robots_are_those_that_are_analysed() -> None:
-    model = hinge(Draw("zero", Normal(2e-3)))
-    found = pp.sample_approaches(model, [0.3], approaches=["hinge +", "hinge -"], robots=20, cycles=2, seed=9)
-    alone = pp.monte_carlo(model, [0.3], approach="hinge -", samples=20, seed=9, keep_samples=True)
-    np.testing.assert_array_equal(found.errors[1, 0], alone.errors)
-    layout = sampler.to_arrays(model.at([0.3], approach="hinge -"))
-    np.testing.assert_array_equal(found.errors[1, 1], sampler.errors(layout, "exact", 9, 0, 20, visit=3))
-
-
-def test_a_measured_point_beside_the_tip_and_robots_from_the_middle() -> None:
-    model = hinge(Draw("zero", Normal(2e-3)))
-    sides: dict[str, Any] = {"approaches": ["hinge +", "hinge -"], "robots": 5, "cycles": 2}
-    found = pp.sample_approaches(model, [0.4], target=(1.0, 0.5, 0.2), first=7, **sides)
-    # the point lies sqrt(2² + 0.5²) m from the axis
-    np.testing.assert_allclose(found.variation, 2 * np.sin(GAP / 2) * np.hypot(2.0, 0.5), rtol=1e-11)
-    all_of_them = pp.sample_approaches(model, [0.4], **{**sides, "robots": 12})
-    np.testing.assert_array_equal(found.errors, all_of_them.errors[..., 7:])
-    np.testing.assert_array_equal(all_of_them.shifts, all_of_them.errors[:, :, :3])
 
 
 def test_wrong_approaches_are_told_in_a_line() -> None:
@@ -729,7 +606,6 @@ def test_wrong_approaches_are_told_in_a_line() -> None:
 
 
 HERE, THERE = np.array([0.1, 0.4, 0.8, -0.6]), np.array([-0.5, 0.1, 1.2, 0.3])
-STD = 3e-3
 
 
 def test_each_robot_is_the_one_that_the_model_displaces_at_both_poses() -> None:
@@ -743,30 +619,25 @@ def test_each_robot_is_the_one_that_the_model_displaces_at_both_poses() -> None:
 @pytest.mark.slow
 def test_the_covariance_is_that_of_the_difference_of_slopes_and_of_both_visits() -> None:
     samples = 2 * BLOCK
-    found = pp.relative(MIXED, HERE, THERE, samples=samples, model="linear", threads=1)
-    names = MODEL.chain.joint_names
+    found, same = (pp.relative(MIXED, HERE, THERE, samples=samples, model="linear", threads=n) for n in (1, 3))
     reading = PlainRobot.parse(Path(MODEL.chain.robot.file).read_text("utf-8"))
-    here, there = (geometric_jacobian(reading, names, "tool", dict(zip(names, q, strict=True))) for q in (HERE, THERE))
+    poses = [dict(zip(JOINTS, q, strict=True)) for q in (HERE, THERE)]
+    here, there = (geometric_jacobian(reading, JOINTS, "tool", pose) for pose in poses)
     expected = STD**2 * (here - there) @ (here - there).T
     for joint in (1, 2):  # a uniform law of half-width a has the variance a²/3
         expected += STD**2 / 3 * sum(np.outer(slopes[:, joint], slopes[:, joint]) for slopes in (here, there))
     scale = np.sqrt(np.diag(expected))
-    covariance = found.covariance
-    assert covariance is not None
     # four standard errors of a covariance, which are largest for normal numbers; the slopes are differences
     allowed = 4 * np.sqrt((np.outer(scale, scale) ** 2 + expected**2) / samples)
-    assert (np.abs(covariance - expected) <= allowed + 1e-15).all()
-    same = pp.relative(MIXED, HERE, THERE, samples=samples, model="linear", threads=3)
+    assert (np.abs(found.covariance - expected) <= allowed + 1e-15).all()
     assert found.to_json() == same.to_json()
 
 
 def test_a_pose_relative_to_itself_leaves_what_two_visits_differ_by() -> None:
     with pytest.warns(PrecisionPinWarning, match="W_NOTHING_VARIES"):
-        still = pp.relative(offsets({1: Scope.POSE}), HERE, HERE, samples=1000)
-    assert still.position.norm.max == 0.0
-    assert still.attitude.norm.max == 0.0
+        still = pp.relative(offsets(*ONCE, AGAIN), HERE, HERE, samples=1000)
+    assert still.position.norm.max == still.attitude.norm.max == 0.0
     visits = pp.relative(MIXED, HERE, HERE, samples=4000, keep_samples=True)
-    assert visits.errors is not None
     # the tip turns about joint 3 by the difference of two uniform numbers: a triangular law
     turned = np.linalg.norm(visits.errors[3:], axis=0)
     assert stats.kstest(turned / (2 * STD), lambda x: 1 - (1 - np.clip(x, 0, 1)) ** 2).pvalue > 1e-3
@@ -774,10 +645,8 @@ def test_a_pose_relative_to_itself_leaves_what_two_visits_differ_by() -> None:
 
 @pytest.mark.slow
 def test_what_is_counted_said_and_refused() -> None:
-    found = pp.relative(
-        MODEL, "paper", THERE, samples=2000, specifications=["1 mm", "100 mm"], keep_samples=True, confidence=0.9
-    )
-    assert found.errors is not None
+    asked = {"samples": 2000, "specifications": ["1 mm", "100 mm"], "keep_samples": True, "confidence": 0.9}
+    found = pp.relative(MODEL, "paper", THERE, **asked)
     kept = np.count_nonzero(np.linalg.norm(found.errors[:3], axis=0) <= 1e-3)
     assert found.summary.specifications[0].probability == kept / 2000
     assert found.pose_name == "paper"
