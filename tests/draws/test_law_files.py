@@ -150,14 +150,8 @@ class Bare(Law):
     """A law of which only the quantile function is known."""
 
     law: Law
-
-    @property
-    def variates(self) -> Any:  # type: ignore[override]
-        return self.law.variates
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        return self.law.breaks
+    variates = property(lambda self: self.law.variates)
+    breaks = property(lambda self: self.law.breaks)
 
     def sample(self, variates: Array) -> Array:
         return self.law.sample(variates)
@@ -228,10 +222,7 @@ class Odd(Law):
     """Samples that do not rise, or two numbers, and nothing else."""
 
     numbers: int = 1
-
-    @property
-    def size(self) -> int:
-        return self.numbers
+    size = property(lambda self: self.numbers)
 
     def sample(self, variates: Array) -> Array:
         return np.cos(7 * variates)

@@ -132,6 +132,7 @@ def test_empirical_samples_are_hazen_s_quantiles() -> None:
         expected = np.quantile(samples, u, method="hazen")
         np.testing.assert_allclose(law.sample(u[None])[0], expected, rtol=0, atol=1e-14 * np.abs(samples).max())
         assert law.mean_vector[0] == pytest.approx(samples.mean(), rel=1e-15)
+        np.testing.assert_array_equal(law.measured[:, 0], np.sort(samples))
 
 
 # ---- moments and characteristic functions ----

@@ -99,20 +99,9 @@ def pose_model(space: Space, table: TermTable) -> PoseModel:
     return PoseModel(posture, space, table, ())
 
 
-def accumulate(
-    layout: SamplerArrays,
-    plan: Plan,
-    model: Any,
-    seed: int,
-    first_block: int,
-    blocks: int,
-    *,
-    state: State | None = None,
-    **units: Any,
-) -> State:
-    """Return the statistics after some blocks, added to those of ``state``."""
-    found = sampler.observe_blocks(layout, plan, model, seed, first_block, blocks, **units)
-    return found.add_to(start(plan) if state is None else state)
+def accumulate(layout: SamplerArrays, plan: Plan, *of: Any, **units: Any) -> State:
+    """Return the statistics of some blocks: model, seed, first block, number of blocks."""
+    return sampler.observe_blocks(layout, plan, *of, **units).add_to(start(plan))
 
 
 def assert_same_state(first: State, second: State) -> None:

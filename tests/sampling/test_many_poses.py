@@ -569,6 +569,8 @@ def test_backlash_alone_by_hand() -> None:
     point = pp.sample_approaches(model, [0.0], target=(1.0, 0.5, 0.2), first=7, **{**sides, "robots": 43})
     np.testing.assert_allclose(point.variation, chord * np.hypot(2.0, 0.5), rtol=1e-11)
     np.testing.assert_array_equal(point.errors, two.errors[..., 7:])
+    turn = point.errors[:, :, 5]
+    np.testing.assert_allclose(point.shifts[:, :, 0], 2 * (np.cos(turn) - 1) - 0.5 * np.sin(turn), rtol=0, atol=1e-15)
 
 
 @pytest.mark.slow
