@@ -33,7 +33,7 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.loops import FINE, NARROW, WIDE
 from precision_pin.kernel.sampler import BLOCK, JoinedTables, NormBlocks
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.statistics import QUANTITIES, Plan, Specification, finish, observe, quantity_values, start
+from precision_pin.statistics import Plan, Specification, finish, observe, quantity_values, start
 from precision_pin.statistics.accumulate import LARGEST, merge
 
 
@@ -256,11 +256,9 @@ def test_bounds_of_components_and_angles_hold() -> None:
 AT = random_table(8, targets=6, terms=25, shift=1e-3, turn=1e-3)
 LAYOUT = sampler.to_arrays(AT)
 ERRORS = AT.exact(EVERY_LAW.sample(0, 0, 4000))
-MIDDLE = np.median(np.abs(quantity_values(ERRORS)), axis=1)
-SPECIFIED = tuple(
-    Specification(name, float(MIDDLE[QUANTITIES.index(name)]), 0.5) for name in ("position.norm", "attitude.y")
-)
-PLAN = Plan.from_moments(ERRORS.mean(axis=1), np.cov(ERRORS), SPECIFIED)
+LIMITED = (("position.norm", 5e-3), ("attitude.y", 2e-3), ("position.x", 3e-3), ("attitude.norm", 5e-3))
+SPECIFICATIONS = tuple(Specification(quantity, limit, 0.5) for quantity, limit in LIMITED)
+PLAN = Plan.from_moments(ERRORS.mean(axis=1), np.cov(ERRORS), SPECIFICATIONS)
 
 
 @pytest.mark.parametrize(("model", "samples"), [("exact", 1), ("linear", 257), ("exact", 16_385), ("linear", 40_001)])
@@ -312,10 +310,6 @@ def test_blocks_that_do_not_exist_are_refused() -> None:
     for first, blocks, samples in ((-1, 1, None), (0, 0, None), (0, 2**20, None), (2, 1, 2 * BLOCK), (0, 1, 0)):
         with pytest.raises(InputError, match=r"from block 0"):
             sampler.observe_blocks(LAYOUT, PLAN, "exact", 0, first, blocks, samples=samples)
-
-
-LIMITED = (("position.norm", 5e-3), ("attitude.y", 2e-3), ("position.x", 3e-3), ("attitude.norm", 5e-3))
-SPECIFICATIONS = tuple(Specification(quantity, limit, 0.5) for quantity, limit in LIMITED)
 
 
 def at_poses(seed: int, poses: int, **shape: Any) -> list[PoseModel]:
