@@ -133,6 +133,8 @@ def test_empirical_samples_are_hazen_s_quantiles() -> None:
         np.testing.assert_allclose(law.sample(u[None])[0], expected, rtol=0, atol=1e-14 * np.abs(samples).max())
         assert law.mean_vector[0] == pytest.approx(samples.mean(), rel=1e-15)
         np.testing.assert_array_equal(law.measured[:, 0], np.sort(samples))
+    for open_ended in ((0.0, 1.0, 2.0, 2.0), (1.0, 1.0, 2.0, 3.0)):
+        assert Empirical(tuple(zip((0.0, 0.25, 0.75, 1.0), open_ended, strict=True))).measured is None
 
 
 # ---- moments and characteristic functions ----

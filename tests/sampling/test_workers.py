@@ -272,19 +272,20 @@ def ended(processes: list[psutil.Process]) -> bool:
 
 @pytest.mark.slow
 def test_no_process_stays_when_the_parent_is_killed() -> None:
-    """One that has done a task and computes another, whose result is larger than a pipe takes."""
+    """One that waits for a task, and one that computes, whose result is larger than a pipe takes."""
     program = """
 from types import SimpleNamespace
 from precision_pin.sampling.workers import Processes
-workers = Processes(1)
-print(workers.submit(SimpleNamespace(observe=divmod), 17, 5).result(), flush=True)
+workers = Processes(2)
 workers.submit(SimpleNamespace(observe=pow), 3, 3_000_000)
+print(workers.submit(SimpleNamespace(observe=divmod), 17, 5).result(), flush=True)
 input()"""
     with subprocess.Popen([sys.executable, "-c", program], stdin=-1, stdout=-1, text=True) as process:
         assert process.stdout.readline() == "(3, 2)\n"
-        children = psutil.Process(process.pid).children(recursive=True)
+        parent = psutil.Process(process.pid)
+        children = parent.children(recursive=True)
+        assert len(spawned(parent)) == 2
         process.kill()
-    assert children
     assert ended(children)
 
 
