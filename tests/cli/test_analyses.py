@@ -338,6 +338,15 @@ def test_a_json_that_is_too_large_is_refused_before_the_work(refused, monkeypatc
         assert "write it as netCDF (--netcdf" in line
 
 
+# figures of several poses --------------------------------------------------------------------------------------------
+
+
+def test_each_pose_has_figures_by_its_number(run, folder):
+    run("exact-law", "gantry.errors.yaml", "--all-poses", "--samples", "100", "--out", "plots")
+    drawn = {path.stem for path in (folder / "plots").glob("*.svg")}
+    assert drawn == {"exact-law-1", "exact-law-2"}
+
+
 # path ----------------------------------------------------------------------------------------------------------------
 
 FEW = ("--samples", "500")
