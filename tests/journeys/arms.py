@@ -69,10 +69,10 @@ def text_of(q: dict[str, float]) -> str:
 class Pinocchio:
     """A URDF as Pinocchio reads it, by itself."""
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, tip: str = "tool") -> None:
         self.model = pin.buildModelFromUrdf(str(file))
         self.data = self.model.createData()
-        self.frame = self.model.getFrameId("tool")
+        self.frame = self.model.getFrameId(tip)
 
     def pose(self, q: dict[str, float]) -> pin.SE3:
         """Return the tip at joint values, rad and m; other joints at their neutral ones."""
