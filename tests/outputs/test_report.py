@@ -36,7 +36,7 @@ from precision_pin.analyses.map.figure import map_chapter
 from precision_pin.analyses.monte_carlo.section import distributions, specifications, verdict
 from precision_pin.model.pose_model import origin_shares
 from precision_pin.pages.report.page import _opened, assumptions, page, scene, without_folders
-from precision_pin.pages.report.summary import changes, summary
+from precision_pin.pages.report.summary import changes, picture, summary
 from precision_pin.pages.view import script_hashes
 from precision_pin.render.html import element, section
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
@@ -155,6 +155,7 @@ def test_what_to_change_counts_the_robots_inside_the_limit_that_is_missed(model)
         share, verdict_there = table.row(row)[-1].split(" %, ")
         assert agrees(share, 100 * kept.mean())
         assert verdict_there == said
+    assert "; not drawn: the limit 40 mm." in picture(results).text  # about the mean, which is far from zero
 
 
 def test_the_page_loads_nothing_and_runs_only_the_scripts_of_the_view(reader):
@@ -187,9 +188,9 @@ def test_it_can_be_read_without_eyes(reader):
         assert table.caption
         assert None not in table.scopes
         assert len({len(row) for row in table.rows}) == 1, table.caption
-    for picture in reader.named("svg"):
-        assert picture.attributes["role"] == "img"
-        assert len(re.findall(r"-?\d+\.?\d*", picture.attributes["aria-label"])) >= 3
+    for figure in reader.named("svg"):
+        assert figure.attributes["role"] == "img"
+        assert len(re.findall(r"-?\d+\.?\d*", figure.attributes["aria-label"])) >= 3
     known = [tag.attributes["id"] for tag in reader.tags if "id" in tag.attributes]
     assert len(set(known)) == len(known)
     used = {tag.attributes["aria-labelledby"] for tag in reader.tags if "aria-labelledby" in tag.attributes}
