@@ -12,7 +12,7 @@ from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sources import Frame, JointCompliance, JointOffset, Payload
 from support.oracles import displaced_pose, displacements
-from support.plain_robot import PlainRobot, chain_of, inserted, joint, link, pose_error, random_arm, robot
+from support.plain_robot import PlainRobot, chain_of, inserted, joint, limits, link, pose_error, random_arm, robot
 from support.refusals import check_refused
 
 MEAN = 0.01
@@ -142,7 +142,7 @@ def test_a_redundant_arm_moves_least(monkeypatch, seed, joints, sliding, mode, r
 
 @pytest.mark.slow
 def test_poses_without_a_correction_are_named():
-    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    limit = limits(-1, 1)
     offset = JointOffset(joint="shoulder", offset=pp.Normal(1e-3, mean=MEAN))
     model = pp.ErrorModel(three_joints(limit), pp.Space(), [offset])
     q = np.array([[0.2, 0.3, 0.7], [-0.999, 0.3, 0.7], [1.5, 0.3, 0.7], [0.2, 0.3, 0.0]]).T
@@ -162,7 +162,7 @@ def test_poses_without_a_correction_are_named():
 @pytest.mark.slow
 def test_the_other_elbow_corrects_where_a_limit_forbids_the_near_one():
     """The lift would have to go 10 mrad back and may go 5; with the elbow the other way it has room (closed form)."""
-    limit = '<limit lower="0.295" upper="3" effort="1" velocity="1"/>'
+    limit = limits(0.295, 3)
     offset = JointOffset(joint="lift", offset=pp.Normal(1e-6, mean=MEAN))
     result = pp.compensate(pp.ErrorModel(three_joints(lift=limit), pp.Space(), [offset]), [[0.0, 0.3, 0.7]])
     assert result.correction.status == ("corrected",)

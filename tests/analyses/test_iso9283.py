@@ -278,13 +278,13 @@ def test_paths_along_the_base_axes_turn_the_joints_that_move_the_tip_there():
 @pytest.mark.slow
 def test_poses_that_are_left_out_are_found_in_the_workspace():
     # three slides of 0.6, 0.9 and 0.7 m reach a box, whose largest cube has its shortest edge
-    limits = [f'<limit lower="0" upper="{top}" effort="1" velocity="1"/>' for top in (0.6, 0.9, 0.7)]
+    own = [plain_robot.limits(0, top) for top in (0.6, 0.9, 0.7)]
     gantry = plain_robot.chain_of(
         plain_robot.robot(
             *map(plain_robot.link, ("base", "bridge", "carriage", "ram", "tool")),
-            plain_robot.joint("x", "prismatic", "base", "bridge", axis=(1, 0, 0), extra=limits[0]),
-            plain_robot.joint("y", "prismatic", "bridge", "carriage", axis=(0, 1, 0), extra=limits[1]),
-            plain_robot.joint("z", "prismatic", "carriage", "ram", axis=(0, 0, 1), extra=limits[2]),
+            plain_robot.joint("x", "prismatic", "base", "bridge", axis=(1, 0, 0), extra=own[0]),
+            plain_robot.joint("y", "prismatic", "bridge", "carriage", axis=(0, 1, 0), extra=own[1]),
+            plain_robot.joint("z", "prismatic", "carriage", "ram", axis=(0, 0, 1), extra=own[2]),
             plain_robot.joint("flange", "fixed", "ram", "tool"),
         ),
         tip="tool",

@@ -13,14 +13,13 @@ import pytest
 from precision_pin.analyses.declaration import Declaration
 from precision_pin.cli import main
 from precision_pin.robot.examples import PAPER_SHEET
-from support.plain_robot import joint, link, robot
+from support.plain_robot import joint, limits, link, robot
 
-LIMIT = '<limit lower="-{0}" upper="{0}" effort="100" velocity="1"/>'
 LONG = "a_rather_long_name_for_a_joint_that_turns_about_x_of_the_carriage"
 GANTRY = robot(
     *map(link, ("frame", "Schlitten_ü", "腕", "tool")),
-    joint("y_axis", "prismatic", "frame", "Schlitten_ü", (0, 0, 1), axis=(0, 1, 0), extra=LIMIT.format(1)),
-    joint(LONG, "revolute", "Schlitten_ü", "腕", (0.1, 0, 0), axis=(1, 0, 0), extra=LIMIT.format(2)),
+    joint("y_axis", "prismatic", "frame", "Schlitten_ü", (0, 0, 1), axis=(0, 1, 0), extra=limits(-1, 1)),
+    joint(LONG, "revolute", "Schlitten_ü", "腕", (0.1, 0, 0), axis=(1, 0, 0), extra=limits(-2, 2)),
     joint("flange", "fixed", "腕", "tool", (0, 0, -0.5)),
 )
 FORKED = robot(

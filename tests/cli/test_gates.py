@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from cli.conftest import GANTRY, LIMIT, LONG
+from cli.conftest import GANTRY, LONG
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
 from precision_pin.robot.pose_set import PoseSet
+from support.plain_robot import limits
 
 SHEET = "gantry.errors.yaml"
 IN, OUT = "1000 mm, 0 deg", "1200 mm, 0 deg"
@@ -125,7 +126,7 @@ def test_in_python_a_verdict_outside_is_not_met(folder):
 
 def test_a_limit_rounded_in_the_file_holds_its_own_angle(run, folder):
     """180° is 3.14159265 rad, which the file's 3.14159 is meant to be; a thousandth of a degree more is outside."""
-    (folder / "gantry.urdf").write_text(GANTRY.replace(LIMIT.format(2), LIMIT.format(3.14159)), "utf-8")
+    (folder / "gantry.urdf").write_text(GANTRY.replace(limits(-2, 2), limits(-3.14159, 3.14159)), "utf-8")
     for angle, code in ((180, 0), (180.001, 1)):
         run("analyze", SHEET, "--q", f"0 mm, {angle} deg", *FEW, *SPEC, code=code)
 

@@ -20,7 +20,7 @@ from precision_pin.pages.report.page import page
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 from precision_pin.statistics.plan import specification
-from support.plain_robot import joint, link, robot
+from support.plain_robot import joint, limits, link, robot
 
 SAMPLES = 3_000
 SCRIPT, SVG, MATHS, BRACE, HAN = (
@@ -77,7 +77,7 @@ def write_hostile(folder: Path) -> Path:
 
     written = {name: quoteattr(name)[1:-1].replace('"', "&quot;") for name in (SVG, MATHS, BRACE, SCRIPT, HAN)}
     svg, maths, brace, script, han = written.values()
-    there = {"xyz": (0.4, 0, 0.2), "extra": '<limit lower="-3" upper="3" effort="1" velocity="1"/>'}
+    there = {"xyz": (0.4, 0, 0.2), "extra": limits(-3, 3)}
     arm = robot(
         *map(link, (svg, maths, brace, script)),
         joint(svg, "revolute", svg, maths, **there),

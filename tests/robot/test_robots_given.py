@@ -19,11 +19,11 @@ from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.urdf import gripper_joint, likeliest_tip, parse
 from support import plain_robot
-from support.plain_robot import random_arm
+from support.plain_robot import limits, random_arm
 
 MOVING = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/>{3}</joint>'
-LIMIT = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
-AWAY = '<limit lower="0.5" upper="1" effort="1" velocity="1"/>'
+LIMIT = limits(-1, 1)
+AWAY = limits(0.5, 1)
 BODY = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
 
 

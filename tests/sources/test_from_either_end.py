@@ -15,7 +15,7 @@ from precision_pin.sources.places import direction_of
 from precision_pin.sources.profiles import Segment
 from support.checks.beam import integrals
 from support.checks.common import evaluated, in_base, one_link
-from support.plain_robot import PlainRobot, chain_of, joint, link, robot, unit
+from support.plain_robot import PlainRobot, chain_of, joint, limits, link, robot, unit
 
 GRAVITY = np.array([2.0, -3.0, -8.0])
 Q = {"joint1": 0.4, "joint2": -0.8, "slide": 0.15, "joint4": 0.6}
@@ -145,10 +145,10 @@ def test_values_limits_and_mimics_are_those_of_the_file_from_either_end():
     """A finger that mimics a locked joint, and a joint beyond its upper limit: the same words from either end."""
     text = robot(
         *(link(name) for name in ("base", "arm", "hand", "finger")),
-        joint("low", "revolute", "base", "arm", (0.3, 0, 0), extra='<limit lower="-0.1" upper="0.2" effort="1" velocity="1"/>'),
+        joint("low", "revolute", "base", "arm", (0.3, 0, 0), extra=limits(-0.1, 0.2)),
         joint("held", "revolute", "arm", "hand", (0.4, 0, 0)),
-        joint("grip", "prismatic", "hand", "finger", (0.1, 0, 0), extra='<mimic joint="held" multiplier="2" offset="0.1"/>'
-              '<limit lower="-7" upper="7" effort="1" velocity="1"/>'),
+        joint("grip", "prismatic", "hand", "finger", (0.1, 0, 0),
+              extra='<mimic joint="held" multiplier="2" offset="0.1"/>' + limits(-7, 7)),
     )  # fmt: skip
     forth, back = (
         chain_of(text, base=base, tip=tip, locked={"held": 0.3}) for base, tip in (("base", "hand"), ("hand", "base"))
