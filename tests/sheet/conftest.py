@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import InputError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Sheet, read
 
@@ -22,7 +22,6 @@ FINGER = """
 
 Write = Callable[[str], Path]
 Load = Callable[[str], Sheet]
-Refuse = Callable[[str], list[Finding]]
 
 
 @pytest.fixture(scope="session")
