@@ -4,7 +4,6 @@ import gc
 import os
 import signal
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -58,14 +57,11 @@ def pytest_collection_modifyitems(items):
 
 def _compile_all_variants():
     from precision_pin.base.compile_ahead import Job, compile_jobs
-    from precision_pin.kernel import parts
+    from precision_pin.kernel import parts, sampler
 
-    source = Path(parts.__file__).with_name("loops.py")
-    cache = Path(os.environ.get("NUMBA_CACHE_DIR") or source.parent / "__pycache__")
-    indices = [path.stat().st_mtime for path in cache.rglob("loops.run*.nbi")]
-    if os.environ.get("NUMBA_DISABLE_JIT") or (indices and min(indices) > source.stat().st_mtime):
-        return
     variants = [(rare, linear) for rare in (None, True) for linear in (None, True)]
+    if os.environ.get("NUMBA_DISABLE_JIT") or all(sampler.is_compiled(*variant) for variant in variants):
+        return
     ahead = dict.fromkeys(job for variant in variants for job in parts.part_jobs(*variant))
     functions = ("warm_up", "warm_up_poses")
     whole = [
