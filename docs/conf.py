@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import inspect
 import pkgutil
@@ -12,7 +13,7 @@ from html import escape
 from importlib.metadata import version as installed_version
 from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -51,7 +52,6 @@ nb_execution_mode = "off"  # the tutorial is kept executed
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # types are shown as they are written, see signature_as_written
-autodoc_preserve_defaults = True
 autodoc_use_type_comments = False  # there are none, and to look for them takes its time
 python_maximum_signature_line_length = 88
 python_use_unqualified_type_names = True
@@ -128,7 +128,10 @@ def signature_as_written(
         return signature, returns
     names = vars(sys.modules[it.__module__])
     read = inspect.signature(it)
-    parameters = [entry.replace(annotation=linked(entry.annotation, names)) for entry in read.parameters.values()]
+    parameters = [
+        entry.replace(annotation=linked(entry.annotation, names), default=readable(entry.default))
+        for entry in read.parameters.values()
+    ]
     if what == "method" and parameters and parameters[0].name in ("self", "cls"):
         del parameters[0]
     result = read.empty if inspect.isclass(it) else linked(read.return_annotation, names)
@@ -145,6 +148,19 @@ def linked(annotation: object, names: Mapping[str, object]) -> object:
         return f"~{value.__module__}.{value.__qualname__}"
 
     return WORD.sub(full, annotation) if isinstance(annotation, str) else annotation
+
+
+class Bare(str):
+    """A text that stands in a signature without quotation marks."""
+
+    __repr__ = str.__str__
+
+
+def readable(default: object) -> object:
+    """Return a default as it is shown: a class or function by its name, without its address."""
+    if default is inspect.Parameter.empty or not callable(default):
+        return default
+    return Bare("..." if default.__name__ == "<lambda>" else default.__name__)
 
 
 class Rooms(SphinxDirective):
@@ -237,6 +253,32 @@ def shorten_contents(app: Sphinx, env: BuildEnvironment) -> None:
                 del entry.parent[1:]
 
 
+def shorten_navigation(app: Sphinx, page: str, template: str, context: dict[str, Any], tree: object) -> None:
+    """Make the navigation of titles, which is all it shows; Sphinx copies every heading of the site for each page else."""
+    del page, template, tree
+    env, toctree = app.env, context["toctree"]
+
+    def of_titles(**options: object) -> str:
+        whole, env.tocs = env.tocs, titles_of(env)
+        try:
+            return toctree(**options)
+        finally:
+            env.tocs = whole
+
+    context["toctree"] = of_titles
+
+
+@functools.cache
+def titles_of(env: BuildEnvironment) -> dict[str, nodes.bullet_list]:
+    """Return the contents of each page without its headings; pages that it lists stay."""
+    titles = {page: contents.deepcopy() for page, contents in env.tocs.items()}
+    for contents in titles.values():
+        for entry in contents:
+            if len(entry) > 1:
+                entry[1][:] = list(entry[1].findall(addnodes.toctree))
+    return titles
+
+
 def mathml(text: str, *, block: bool) -> str:
     """Return a formula as MathML; bars about something as a pair of fences, which sets them close to it."""
     return tex2mathml(text.replace(r"\lvert", r"\left\lvert").replace(r"\rvert", r"\right\rvert"), as_block=block)
@@ -269,6 +311,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("autodoc-process-signature", signature_as_written)
     app.connect("env-check-consistency", shorten_search)
     app.connect("env-check-consistency", shorten_contents)
+    app.connect("html-page-context", shorten_navigation, priority=400)  # before furo's
     app.connect("missing-reference", find_public_name)
     app.add_directive("rooms", Rooms)
     app.add_directive("public-names", PublicNames)

@@ -81,6 +81,12 @@ def pytest_collection_finish():
     gc.enable()
 
 
+def pytest_sessionfinish():
+    """Collect garbage once: pytest does so five times at the end, to find errors that nobody saw."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="session", autouse=True)
 def site_begun(request, tmp_path_factory):
     """Build the site beside the other tests: in their turn, the workers would wait a minute for one of them."""
