@@ -342,9 +342,7 @@ def placed(**box) -> PoseSet:
     return pp.place_grid(CHAIN, pp.box_places(**box), SIDEWAYS)
 
 
-LINE = placed(x=np.linspace(1.0, 2.6, 30), y=0.3, z=0.3)
-PLANE = placed(x=np.linspace(0.5, 4.0, 6), y=[0.0, 0.4, 0.8, 1.2, 1.6], z=0.3)
-SPACE = placed(x=[1.0, 2.0, 3.0], y=[0.0, 0.4, 0.8], z=[0.1, 0.3, 0.5])
+PLANE = {"x": np.linspace(0.5, 4.0, 6), "y": [0.0, 0.4, 0.8, 1.2, 1.6], "z": 0.3}
 TIMED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 9), times=np.linspace(0, 2, 9))
 LISTED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 3), ("one", "two", "three"))
 
@@ -352,9 +350,9 @@ LISTED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 3
 @pytest.mark.slow
 def test_the_layout_follows_the_places(tmp_path):
     for poses, kind, axes in (
-        (LINE, "path", ("x [mm]",)),
-        (PLANE, "plane", ("x [mm]", "y [mm]")),
-        (SPACE, "space", ("x [mm]", "y [mm]", "z [mm]")),
+        (placed(x=np.linspace(1.0, 2.6, 30), y=0.3, z=0.3), "path", ("x [mm]",)),
+        (placed(**PLANE), "plane", ("x [mm]", "y [mm]")),
+        (placed(x=[1.0, 2.0, 3.0], y=[0.0, 0.4, 0.8], z=[0.1, 0.3, 0.5]), "space", ("x [mm]", "y [mm]", "z [mm]")),
         (TIMED, "path", ("time [s]",)),
         (LISTED, "list", ("pose, in the order given",)),
     ):
@@ -368,12 +366,13 @@ def test_the_layout_follows_the_places(tmp_path):
 
 @pytest.mark.slow
 def test_a_heat_map_shows_the_value_of_each_place():
-    made = pp.map_poses(PAPER, PLANE, verify=1, specifications=["20 mm"])
+    plane = placed(**PLANE)
+    made = pp.map_poses(PAPER, plane, verify=1, specifications=["20 mm"])
     drawn = map_figure(made)
     (mesh,) = drawn.axes[0].collections[:1]
     field = np.ma.filled(mesh.get_array().reshape(5, 6), np.nan)
     x, y = np.linspace(500, 4000, 6), np.array([0, 400, 800, 1200, 1600])
-    columns, rows = (np.abs(axis[:, None] - 1e3 * PLANE.position[k]).argmin(axis=0) for k, axis in enumerate((x, y)))
+    columns, rows = (np.abs(axis[:, None] - 1e3 * plane.position[k]).argmin(axis=0) for k, axis in enumerate((x, y)))
     assert_allclose(field[rows, columns], 1e3 * made.quantile[1, 0], rtol=1e-6)
     labels = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert labels == ["not reached", "specification not met"]
