@@ -398,8 +398,10 @@ def test_a_robot_of_the_sample_that_buckles_is_warned_of():
     tower = one_link(axis=(0, 1, 0), gravity=(-9.81, 0.0, 0.0)).with_payload(10.0)
     sources = [JointCompliance(joint="hinge", compliance=Uniform(0.4 / 98.1, mean=0.7 / 98.1))]
     model = ErrorModel(tower, Space(), sources, statics="equilibrium")
-    codes = [(finding.code, "buckles" in finding.message) for finding in model.statics_findings(model.at([0.01]))]
-    assert ("W_STATICS", True) in codes
+    at = model.at([0.01])
+    tenth = 1e3 * np.sort(np.linalg.norm(at.exact(model.space.sample(0, 0, 1000))[:3], axis=0))[-10]
+    told = f"of 1,000 robots the one with |d| {tenth:.3g} mm fails: the arm buckles"
+    assert any(found.code == "W_STATICS" and told in found.message for found in model.statics_findings(at))
 
 
 def test_nominal_statics_do_not_hide_an_upright_arm_that_buckles():

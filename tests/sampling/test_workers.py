@@ -251,13 +251,8 @@ def started(tmp_path: Path) -> Iterator[Any]:
     with ExitStack() as stack:
 
         def start(*arguments: str) -> subprocess.Popen[str]:
-            words = [
-                str(Path(sys.executable).parent / "precision-pin"),
-                "analyze",
-                "--journal",
-                "run.journal",
-                *arguments,
-            ]
+            program = str(Path(sys.executable).with_name("precision-pin"))
+            words = [program, "analyze", "--journal", "run.journal", *arguments]
             process = subprocess.Popen(words, cwd=tmp_path, start_new_session=True, stdout=-1, stderr=-1, text=True)
             stack.enter_context(process)
             stack.callback(process.kill)

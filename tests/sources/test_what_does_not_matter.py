@@ -197,28 +197,23 @@ def test_numbers_at_the_means_of_their_factors():
 
 
 @pytest.mark.parametrize(
-    ("line", "what"),
+    ("kind", "settings", "what"),
     [
-        (
-            "transmission: {joint: joint2, amplitude: {normal: 30 arcsec}, order: 200}",
-            "amplitude of transmission[joint2]",
-        ),
-        ("encoder: {joint: joint2, amplitude: {uniform: 30 arcsec}}", "amplitude of encoder[joint2]"),
-        ("encoder: {joint: joint2, eccentricity: {normal: 5 um}, radius: 20 mm}", "eccentricity of encoder[joint2]"),
-        (
-            "transmission: {joint: joint1, amplitude: [30 arcsec, {triangular: 9 arcsec}], order: [1, 2]}",
-            "amplitude[1] of transmission[joint1]",
-        ),
-        ("transmission: {joint: joint2, amplitude: {normal: 30 arcsec, mean: 31 arcsec}, order: 200}", ""),
-        ("transmission: {joint: joint2, amplitude: {fixed: 0 arcsec}, order: 200}", ""),
-        ("encoder: {joint: joint2, offset: {normal: 30 arcsec}, resolution: 10 arcsec}", ""),
+        ("transmission", "amplitude: {normal: 30 arcsec}, order: 200", "amplitude"),
+        ("encoder", "amplitude: {uniform: 30 arcsec}", "amplitude"),
+        ("encoder", "eccentricity: {normal: 5 um}, radius: 20 mm", "eccentricity"),
+        ("transmission", "amplitude: [30 arcsec, {triangular: 9 arcsec}], order: [1, 2]", "amplitude[1]"),
+        ("transmission", "amplitude: {normal: 30 arcsec, mean: 31 arcsec}, order: 200", ""),
+        ("transmission", "amplitude: {fixed: 0 arcsec}, order: 200", ""),
+        ("encoder", "offset: {normal: 30 arcsec}, resolution: 10 arcsec", ""),
     ],
 )
-def test_an_amplitude_about_zero_is_warned_of_at_its_line(tmp_path, line, what):
+def test_an_amplitude_about_zero_is_warned_of_at_its_line(tmp_path, kind, settings, what):
+    line = f"{kind}: {{joint: joint2, {settings}}}"
     file = written(tmp_path, f"joint_offset: {{joint: joint1, offset: {{normal: 0.01 deg}}}}\n{line}")
     found = [finding for finding in read(file).findings if finding.code == "W_AMPLITUDE"]
     assert len(found) == bool(what)
     for finding in found:
         assert finding.severity == "warning"
-        assert finding.message.startswith(f"{what} varies about zero")
+        assert finding.message.startswith(f"{what} of {kind}[joint2] varies about zero")
         assert line[:12] in file.read_text(encoding="utf-8").splitlines()[finding.line - 1]
