@@ -98,7 +98,6 @@ def model(trapezoid: type[Law], tmp_path: Path) -> pp.ErrorModel:
 
 def test_an_added_law_is_read_from_a_sheet_and_described_in_the_report(trapezoid: Any, model: pp.ErrorModel) -> None:
     assert model.space.draws[0].law == trapezoid(A, B)
-    assert trapezoid(A, B, 5e-3).tolerance((LENGTH,)) == "±0.3 mm"
     law = json_schema()["$defs"]["law"]
     assert law["properties"]["top"] == {"description": "half of its top"}
     assert {"required": ["trapezoid"]} in law["oneOf"]
@@ -113,6 +112,14 @@ def test_an_added_law_is_read_from_a_sheet_and_described_in_the_report(trapezoid
         trapezoid(1.0, math.nan)
     text = str(parameters([SimpleNamespace(model=model)]))  # type: ignore[arg-type]
     assert "Trapezoid, mean 0 mm, standard deviation 0.129099 mm" in text
+
+
+def test_moments_of_an_added_law_are_those_by_hand(trapezoid: Any) -> None:
+    law = trapezoid(A, B, 5e-3)
+    assert law.mean_vector == pytest.approx([5e-3], rel=1e-14)
+    assert law.covariance == pytest.approx(np.array([[VARIANCE]]), rel=1e-11)
+    assert law.standardised_moments() == pytest.approx((0, FOURTH / VARIANCE**2, 1), rel=1e-10, abs=1e-10)
+    assert law.tolerance((LENGTH,)) == "±0.3 mm"
 
 
 @pytest.mark.slow
