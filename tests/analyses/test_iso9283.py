@@ -293,6 +293,8 @@ def test_poses_that_are_left_out_are_found_in_the_workspace():
     model = pp.ErrorModel(gantry, draws, [JointOffset(joint="x", offset="again")], {"home": [0.1, 0.1, 0.1]})
     made = pp.iso9283(model, robots=64, cycles=4)
     assert 0.6 * (1 - 1e-3) < made.cube.side <= 0.6 + 1e-6
+    # of cubes alike the one farthest along the base's axes
+    assert made.cube.centre == pytest.approx([0.3, 0.6, 0.4], abs=0.04)
     assert made.to_dict()["cube"]["axes"] == "base"
     points = made.cube.points()
     assert pytest.approx(points, abs=1e-5) == np.array([list(pose.label.q.values()) for pose in made.poses.values()]).T
