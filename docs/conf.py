@@ -158,7 +158,7 @@ class Bare(str):
 
 def readable(default: object) -> object:
     """Return a default as it is shown: a class or function by its name, without its address."""
-    if default is inspect.Parameter.empty or not callable(default):
+    if default is inspect.Parameter.empty or not (inspect.isroutine(default) or inspect.isclass(default)):
         return default
     return Bare("..." if default.__name__ == "<lambda>" else default.__name__)
 
