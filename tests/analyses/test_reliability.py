@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from benchmarks.coverage import rare
 from scipy import integrate, stats
 
 import precision_pin as pp
-from precision_pin.analyses.reliability import estimates
+from precision_pin.analyses.reliability import estimates, importance
 from precision_pin.analyses.reliability.estimates import (
     Estimate,
     agree,
@@ -275,6 +276,11 @@ def test_intervals_of_strata_add_up_as_squares():
     assert (whole.evaluations, whole.resolved, whole.note) == (35, True, "")
     less = summed("importance sampling", [(0.5, one), (0.5, replace(nothing, interval=(0.0, 0.9)))], 0.0)
     assert (less.resolved, less.note) == (False, "not resolved: why")
+    # of one without an estimate, from its first level: up to ten times the largest that was found
+    for low, lowest in ((1e-5, 1e-5), (0.25, 0.2)):
+        counted = SimpleNamespace(estimate=replace(nothing, interval=(low, 0.3)), highest=0.02)
+        for one in importance._bound_estimates(SimpleNamespace(probability=0.5), counted, nothing):
+            assert one.interval == pytest.approx((lowest, 0.2))
 
 
 def test_printed_intervals_hold_the_computed_ones():
