@@ -246,11 +246,13 @@ def test_a_std_that_was_tuned_is_no_agreement():
     written = json.loads(found.to_json())
     assert (written["noise"]["std"]["interval"], written["improvement"]["verdict"]) == (list(noise.interval), "helps")
     assert (written["probability"], written["measurement"]["std"]) == (None, noise.std)
-    far = (q, 1e3 * readings_of(model, q, true))
-    check_refused(
-        ("std: estimate belongs to the readings", pp.forecast_calibration, model, q, UNKNOWN),
-        ("columns or units are wrong", pp.calibrate, model, far, UNKNOWN),
-    )
+    check_refused(("std: estimate belongs to the readings", pp.forecast_calibration, model, q, UNKNOWN))
+    # in millimetres, where metres are expected; a base somewhere else does not change how far the readings spread
+    points = readings_of(model, q, true)
+    with pytest.raises(pp.InputError, match="columns or units are wrong") as refused:
+        pp.calibrate(model, (q, 1e3 * points), UNKNOWN)
+    said = float(str(refused.value).partition("the tip itself spreads by ")[2].partition(" mm")[0])
+    assert said == pytest.approx(1e3 * (points - points.mean(axis=0)).std(), rel=0.01)
 
 
 @pytest.mark.slow
