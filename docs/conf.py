@@ -245,7 +245,7 @@ def shorten_search(app: Sphinx, env: BuildEnvironment) -> None:
 
 
 def shorten_contents(app: Sphinx, env: BuildEnvironment) -> None:
-    """List classes without their members beside a page of the reference; each page of the site copies every such entry."""
+    """List classes without their members beside a page of the reference, where they would hide the classes."""
     del app
     for contents in env.tocs.values():
         for entry in contents.findall(addnodes.compact_paragraph):

@@ -98,8 +98,12 @@ def least_change(arm, q, offsets, shift, units, rows, limits, end):
         return 10 * pose_error(pose(q + units * x + offsets, tool), wanted)[rows]
 
     bounds, equal = np.transpose((limits - q) / units), {"type": "eq", "fun": missing}
-    settings = {"jac": lambda x: 200 * x, "bounds": bounds, "constraints": equal}
-    settings["options"] = {"maxiter": 60, "ftol": 1e-15}
+    settings = {
+        "jac": lambda x: 200 * x,
+        "bounds": bounds,
+        "constraints": equal,
+        "options": {"maxiter": 60, "ftol": 1e-15},
+    }
     starts = (np.zeros(len(q)), -offsets / units, end)
     found = [minimize(lambda x: 100 * x @ x, start, method="SLSQP", **settings).x for start in starts]
     return min((np.linalg.norm(x) for x in found if np.abs(missing(x)).max() < 1e-7), default=np.inf)

@@ -325,4 +325,4 @@ def test_memory_does_not_grow_with_the_samples(paper):
             tracemalloc.stop()
 
     peak(16 * 64)
-    assert peak(16 * 4096) < 1.2 * peak(16 * 1024)
+    assert peak(16 * 8192) < 1.2 * peak(16 * 2048)

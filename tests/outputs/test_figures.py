@@ -342,16 +342,20 @@ def placed(**box) -> PoseSet:
     return pp.place_grid(CHAIN, pp.box_places(**box), SIDEWAYS)
 
 
-PLANE = {"x": np.linspace(0.5, 4.0, 6), "y": [0.0, 0.4, 0.8, 1.2, 1.6], "z": 0.3}
+@pytest.fixture(scope="module")
+def plane() -> PoseSet:
+    return placed(x=np.linspace(0.5, 4.0, 6), y=[0.0, 0.4, 0.8, 1.2, 1.6], z=0.3)
+
+
 TIMED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 9), times=np.linspace(0, 2, 9))
 LISTED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 3), ("one", "two", "three"))
 
 
 @pytest.mark.slow
-def test_the_layout_follows_the_places(tmp_path):
+def test_the_layout_follows_the_places(plane, tmp_path):
     for poses, kind, axes in (
         (placed(x=np.linspace(1.0, 2.6, 30), y=0.3, z=0.3), "path", ("x [mm]",)),
-        (placed(**PLANE), "plane", ("x [mm]", "y [mm]")),
+        (plane, "plane", ("x [mm]", "y [mm]")),
         (placed(x=[1.0, 2.0, 3.0], y=[0.0, 0.4, 0.8], z=[0.1, 0.3, 0.5]), "space", ("x [mm]", "y [mm]", "z [mm]")),
         (TIMED, "path", ("time [s]",)),
         (LISTED, "list", ("pose, in the order given",)),
@@ -365,8 +369,7 @@ def test_the_layout_follows_the_places(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_heat_map_shows_the_value_of_each_place():
-    plane = placed(**PLANE)
+def test_a_heat_map_shows_the_value_of_each_place(plane):
     made = pp.map_poses(PAPER, plane, verify=1, specifications=["20 mm"])
     drawn = map_figure(made)
     (mesh,) = drawn.axes[0].collections[:1]
