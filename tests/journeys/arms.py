@@ -38,8 +38,6 @@ GANTRY = _urdf(
     ],
     (0.12, 0, -0.1),
 )
-
-
 SCARA = _urdf(
     [
         ("shoulder", "revolute", (0, 0, 0.3), Z, (-2.4, 2.4)),
@@ -49,15 +47,9 @@ SCARA = _urdf(
     ],
     (0.05, 0, -0.05),
 )
-
-
 ARMS = {"4dof": PAPER_SHEET.with_name("4dof.urdf").read_text(), "gantry": GANTRY, "scara": SCARA}
 """URDFs, each of which a journey or test_pairs takes; all of them end in ``tool``."""
-
-
 SLIDES = {"x_axis", "y_axis", "z_axis", "quill"}
-
-
 """Joints whose values are in m."""
 
 
@@ -106,8 +98,6 @@ def cells(row: dict[str, str]) -> list[tuple[str, str, str, str]]:
 
 
 _KINDS = ("frame", "length", "joint_offset", "axis_install", "mounting")
-
-
 """Sources whose tolerances are lengths or angles."""
 
 
@@ -174,17 +164,9 @@ READERS: dict[str, tuple[str, ...]] = {
     "compensate": ("--all-poses",),
     "allocate": (),
 }
-
-
 """Arguments beside the sheet; ``allocate`` needs its key in the sheet."""
-
-
 WITHOUT_SHEET = {"init", "explain", "schema", "doctor"}
-
-
 ANSWERS = {"reliability", "compensate", "allocate"}
-
-
 """Commands whose exit code 1 is an answer: a limit missed, a pose without a correction."""
 
 

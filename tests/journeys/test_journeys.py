@@ -14,8 +14,6 @@ pytestmark = pytest.mark.slow
 
 
 SAMPLES = ("--samples", 20_000)
-
-
 BUILT = 100
 
 
@@ -115,32 +113,9 @@ def test_repair(desk):
 
 
 POINT = "50 30 20 mm"
-
-
 TARGET = np.array([0.05, 0.03, 0.02])
-
-
 READINGS, STD = 12, 20e-6
-
-
 ROBOT = ("--seed", 4)
-
-
-UNIT = 7
-
-
-POINT = "50 30 20 mm"
-
-
-TARGET = np.array([0.05, 0.03, 0.02])
-
-
-READINGS, STD = 12, 20e-6
-
-
-ROBOT = ("--seed", 4)
-
-
 UNIT = 7
 
 

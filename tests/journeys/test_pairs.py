@@ -16,11 +16,7 @@ from precision_pin.cli.program import cli, list_commands
 from precision_pin.render.text_table import width
 
 OUTPUT = "Output and messages"
-
-
 SHEET = "scara.errors.yaml"
-
-
 MORE_LINES = """\
   - joint_offset: {joint: wrist, offset: {uniform: 0.01 mrad, scope: pose}}
 allocate:
@@ -69,20 +65,10 @@ SHEETS = {
     "calibrate --population --sheet": "shop.errors.yaml",
     "calibrate --sheet": "mine.errors.yaml",
 }
-
-
 """Beside that of ``init``, which every command reads for the screen of 24 rows."""
-
-
 ROBOTS = {"export": "robots/scara.unit0000.urdf", "calibrate --urdf": "mine.urdf"}
-
-
 PATHS = {"calibrate --plan --csv": "plan.csv", "compensate --csv": "corrected.csv"}
-
-
 READINGS = {"simulate": "readings1.csv"}
-
-
 WRITTEN = {
     "ROBOT.urdf": ROBOTS,
     "SHEET.yaml": SHEETS,
@@ -99,17 +85,9 @@ WRITTEN = {
     "--map": {},
     "--factory": {},
 }
-
-
 """Files by what takes them, a word of the arguments or an option, and by the command that writes them."""
-
-
 ALONE = {"DATA.csv", "--measured", "--journal"}
-
-
 """What is read in a run of its own."""
-
-
 MORE = {
     **READERS,
     "analyze": ("--samples", "200", "--threads", "1"),
@@ -217,8 +195,6 @@ OTHERS = [
     ("calibrate", "mine.errors.yaml", "readings1.csv", "--sheet", "again.errors.yaml"),
     ("compare", SHEET, "of_mine.errors.yaml", "of_built.errors.yaml", "--samples", "200"),
 ]
-
-
 """What no word or option of its own says: several files, keys of sheets, sheets of sheets."""
 
 
