@@ -1,6 +1,7 @@
 """The installed command as a process: what it imports, signals, pipes, streams, and what the system does not give."""
 
 import errno
+import fcntl
 import io
 import json
 import os
@@ -269,27 +270,31 @@ def test_files_of_a_folder_are_moved_all_or_none(heeded, tmp_path, monkeypatch):
     assert sorted(os.listdir(tmp_path / "new")) == ["one", "three", "two"]
 
 
-@pytest.mark.slow
-def test_of_two_processes_that_write_one_folder_one_writes_all_of_it(tmp_path):
-    code = (
-        "import sys; from pathlib import Path; from precision_pin.base.files import whole_folder\n"
-        "for line in sys.stdin:\n"
-        "    with whole_folder(Path(line.strip())) as stage:\n"
-        "        for k in range(300): (stage / str(k)).write_text(sys.argv[1])\n"
-        "        print(flush=True); sys.stdin.readline()\n"
-        "    print(flush=True)\n"
-    )
-    command = [sys.executable, "-c", code]
-    both = [subprocess.Popen([*command, name], stdin=PIPE, stdout=PIPE, text=True, bufsize=1) for name in "ab"]
-    for round_ in range(10):
-        for text in (f"{tmp_path}/{round_}\n", "\n"):  # all files are written, then both move theirs
-            for process in both:
-                process.stdin.write(text)
-            for process in both:
-                process.stdout.readline()
-        assert len({file.read_text() for file in (tmp_path / str(round_)).iterdir()}) == 1
-    for process in both:
-        process.communicate()
+def test_files_move_into_a_folder_while_others_wait_and_wait_for_others(tmp_path, monkeypatch):
+    """Of two processes that write one folder one writes all of it: a lock on a folder holds against its other openings too."""
+    events, replace = [], Path.replace
+
+    def lock():
+        descriptor = os.open(tmp_path, os.O_RDONLY)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return descriptor
+
+    def move(file, target):
+        with pytest.raises(BlockingIOError):
+            lock()
+        events.append(target.name)
+        return replace(file, target)
+
+    def leave():
+        events.append("the other has ended")
+        os.close(other)
+
+    monkeypatch.setattr(Path, "replace", move)
+    other = lock()
+    threading.Timer(0.2, leave).start()
+    write_in(tmp_path, "one", "two")
+    assert events == ["the other has ended", "one", "two"]
+    os.close(lock())
 
 
 def test_work_that_is_worth_keeping_is_unwound_and_a_second_signal_is_not_waited_for(heeded):

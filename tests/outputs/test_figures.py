@@ -418,6 +418,11 @@ def test_shapes_cover_the_area_that_geometry_gives_them():
         drawn = Triangles()
         getattr(drawn, shape)((shape,), *sizes)
         assert covered(image_of(drawn)) == pytest.approx(area / 4, rel=rel), shape
+    # the viewer has y at the right and z above; rows are from the top
+    drawn = Triangles()
+    drawn.box(("box",), (0.2, 0.2, 0.2), RED, se3.pose(np.eye(3), (0.0, 0.5, 0.25)))
+    rows, columns = np.nonzero(image_of(drawn)[:, :, 3])
+    assert (rows.mean(), columns.mean()) == pytest.approx((29.5, 59.5), abs=0.5)
 
 
 def test_what_is_nearer_hides_what_is_behind_it_whatever_the_order():
