@@ -118,10 +118,9 @@ class PoseModel:
         """
         return self.error_at_means, self._add_up(self.jacobian_parts)
 
-    def tangent_at(self, x: Array) -> tuple[Array, Array]:
-        """First-order model of :meth:`exact` at component values ``(d,)``: the error ``(6,)`` and the slopes ``(6, d)``."""
-        error = self.exact(x[:, None])[:, 0]
-        return error, self._add_up(self._slopes_at(x, error))
+    def jacobian_at(self, x: Array, error: Array) -> Array:
+        """Return the derivative ``(6, d)`` of :meth:`exact` at component values ``(d,)``, where its error is ``(6,)``."""
+        return self._add_up(self._slopes_at(x, error))
 
     def _add_up(self, parts: tuple[SlopeColumns, ...]) -> Array:
         jacobian = np.zeros((6, self.space.size))

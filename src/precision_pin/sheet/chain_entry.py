@@ -141,6 +141,15 @@ class Overrides:
     ignores_collisions: bool = False
 
 
+_ARM: Final = ("robot", "tip", "base", "target", "gravity", "locked", "limits", "keep_out")
+"""Keys of a sheet that :func:`read_chain` reads."""
+
+
+def is_same_arm(data: Mapping[str, object], other: Mapping[str, object]) -> bool:
+    """Return whether two sheets, of one folder and with the same overrides, are of the same arm."""
+    return all(data.get(key) == other.get(key) for key in _ARM)
+
+
 def read_chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
     """Return the arm of a sheet; ``None`` if it cannot be read, as the findings then say."""
     try:

@@ -23,7 +23,7 @@ from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Estimates, Extension, LabelledSpace, Space
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.configurations import Approach
-from precision_pin.sheet.chain_entry import Overrides, parse_poses, read_chain
+from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
 from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, Findings, source_model, used_quantities
@@ -125,7 +125,10 @@ class Contents:
             return sheet
         text = change_text(self.text, changes, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
         first = sheet.unchanged or sheet
-        return replace(_read(replace(self, text=text), first), unchanged=first, beyond_limits=sheet.beyond_limits)
+        # the arm is not read from its files again
+        chain = sheet.chain if is_same_arm(text.data, self.text.data) else None
+        found = _read(replace(self, text=text), first, chain)
+        return replace(found, unchanged=first, beyond_limits=sheet.beyond_limits)
 
 
 def read(
@@ -162,14 +165,15 @@ def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds:
     return _read(Contents(text, "the sheet", FilePath(folder), tuple(kinds), Overrides()))
 
 
-def _read(contents: Contents, unchanged: Sheet | None = None) -> Sheet:
+def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | None = None) -> Sheet:
     text, file, folder, overrides = contents.text, contents.file, contents.folder, contents.overrides
     findings = Findings(text, file)
     document, wrong = _document(text, findings)
     known = catalogue() | {kind.kind(): kind for kind in contents.kinds}
     named, unread = _parameters(document, findings, used_quantities(tuple(known.values())), folder)
     arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
-    chain = read_chain(document, findings, overrides, folder) if arm_is_known else None
+    if chain is None and arm_is_known:
+        chain = read_chain(document, findings, overrides, folder)
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
     sources, stated, broken = _sources(document, findings, known, Context(named, slides, folder))
     draws = tuple(dict.fromkeys(parameter.draw for parameter in named.values()))

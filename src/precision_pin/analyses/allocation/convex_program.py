@@ -32,7 +32,7 @@ from scipy import optimize
 
 from precision_pin.analyses.allocation.tolerances import Cost, Grades
 from precision_pin.analyses.map import first_order
-from precision_pin.base.arrays import Array, Fixed, Record
+from precision_pin.base.arrays import Array, Fixed, Record, read_only
 
 ROUNDING: Final = 1e-9
 """Relative excess of a limit that counts as rounding."""
@@ -85,8 +85,22 @@ class Limit(Fixed):
         # that does not
         return is_convex or self.probability >= 0.92
 
+    @cached_property
+    def _last(self) -> dict[bytes, Array]:
+        return {}
+
     def measure(self, t: Array) -> Array:
-        """Return the limited value ``(m, places)`` for tolerances ``(n, m)``; places are poses, or rows times poses."""
+        """Return the limited value ``(m, places)`` for tolerances ``(n, m)``; places are poses, or rows times poses.
+
+        The last one is kept: values and slopes are asked for at the same tolerances in turn.
+        """
+        key = t.tobytes()
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = read_only(self._measure(t))
+        return self._last[key]
+
+    def _measure(self, t: Array) -> Array:
         if self.kind == "worst_case":
             sums = np.abs(self.mean)[None] + self.fixed[:, 0] + np.einsum("nrp,nm->mrp", self.parts[:, :, 0], t)
             return np.asarray(sums.reshape(t.shape[1], -1))

@@ -406,21 +406,21 @@ def without_gross_errors(whole: fitting.Problem, data: CalibrationData, *, has_p
 
     Readings are left out one at a time: the one with the largest residual in a fit without it, if too large for the rest.
     """
-    best = fitting.fit(whole, has_prior=has_prior, steps=_FEW_STEPS)
-    used, found = whole, dict[int, float]()
     limit, middle = stats.chi2.isf(_GROSS / len(data), whole.sizes), stats.chi2.median(whole.sizes)
+    used, found = whole, dict[int, float]()
     while True:
+        descent = fitting.Descent(used, has_prior=has_prior)
+        best = descent.fit(_FEW_STEPS)
         kept = np.array([row for row in range(len(data)) if row not in found])
         distance = best.left_out.distance[kept]
         scale = max(1.0, float(np.median(distance / middle[kept])))
         worst = int(np.argmax(distance / limit[kept]))
         if distance[worst] <= limit[kept[worst]] * scale:
-            return used, fitting.fit(used, has_prior=has_prior), found
+            return used, descent.fit(), found
         if len(found) + 1 > _MOST_GROSS * len(data):
-            return whole, fitting.fit(whole, has_prior=has_prior), {}
+            return whole, fitting.Descent(whole, has_prior=has_prior).fit(), {}
         found[int(kept[worst])] = float(distance[worst])
         used = whole.without(found)
-        best = fitting.fit(used, has_prior=has_prior, steps=_FEW_STEPS)
 
 
 def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
@@ -598,8 +598,7 @@ class SetUpAlone(NamedTuple):
     @classmethod
     def of(cls, problem: fitting.Problem) -> SetUpAlone:
         """Return the fit to the readings of a problem."""
-        means = problem.model.space.mean[:, None]
-        errors = [station.at.exact(means) for station in problem.stations]
+        errors = [station.at.error_at_means[:, None] for station in problem.stations]
         nuisances = problem.start
         for _ in range(fitting.STEPS):
             residuals = problem.residuals_of(errors, nuisances)

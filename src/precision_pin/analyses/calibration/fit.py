@@ -58,6 +58,23 @@ _ALONE: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class _AtStations:
+    """The exact model at component values ``(d, 1)``: at each station the error ``(6, 1)`` and its derivative ``(6, d)``."""
+
+    stations: tuple[Station, ...]
+    x: Array
+
+    @cached_property
+    def errors(self) -> list[Array]:
+        return [station.at.exact(self.x) for station in self.stations]
+
+    @cached_property
+    def jacobians(self) -> list[Array]:
+        pairs = zip(self.stations, self.errors, strict=True)
+        return [station.at.jacobian_at(self.x[:, 0], error[:, 0]) for station, error in pairs]
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, and where the fit begins.
 
@@ -178,10 +195,20 @@ class Problem:
         kept = (Station(one.at, tuple(row for row in one.rows if row not in rows)) for one in self.stations)
         return replace(self, stations=tuple(station for station in kept if station.rows))
 
+    @cached_property
+    def _last(self) -> list[_AtStations]:
+        return []
+
+    def _at(self, z: Array) -> _AtStations:
+        """Return the model at z; the last one is kept, since residuals and derivatives are asked for at the same z in turn."""
+        x = self.unit.components(self.model.space, z[:, None])
+        if not self._last or self._last[0].x.tobytes() != x.tobytes():
+            self._last[:] = [_AtStations(self.stations, x)]
+        return self._last[0]
+
     def residuals(self, z: Array, nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``."""
-        x = self.unit.components(self.model.space, z[:, None])
-        return self.residuals_of([station.at.exact(x) for station in self.stations], nuisances)
+        return self.residuals_of(self._at(z).errors, nuisances)
 
     def residuals_of(self, errors: list[Array], nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``, for the error ``(6, 1)`` at each station."""
@@ -211,12 +238,11 @@ class Problem:
     def slopes(self, z: Array, nuisances: Array, *, plain: bool = False) -> tuple[Array, Array]:
         """Return whitened derivatives of the readings by z (plain: by each number over its prior std) and by the nuisances."""
         root = np.diag(self.unit.std) if plain else self.unit.root
-        x = self.unit.components(self.model.space, z[:, None])[:, 0]
         size = root.shape[1]
         whole = np.zeros((*self.readings.shape, size + nuisances.size))
-        for station, places in zip(self.stations, self.places, strict=True):
-            error, jacobian = station.at.tangent_at(x)
-            found = self.slopes_at(station, error, nuisances)
+        at = self._at(z)
+        for station, places, error, jacobian in zip(self.stations, self.places, at.errors, at.jacobians, strict=True):
+            found = self.slopes_at(station, error[:, 0], nuisances)
             whole[places] = np.hstack([found.error @ jacobian[:, self.unit.columns] @ root, found.nuisances])
         white = self.whiten(whole)
         return white[:, :size], white[:, size:]
@@ -277,58 +303,90 @@ class Fit(NamedTuple):
     at_bounds: tuple[str, ...]
 
 
-def fit(problem: Problem, *, has_prior: bool, steps: int = STEPS) -> Fit:
-    """Return the estimate of a problem, after a number of steps or when it has settled; refuse one that does not."""
+class Descent:
+    """Steps of a fit, from the means; it can go on after an estimate was taken.
 
-    def measured(z: Array, nuisances: Array) -> tuple[Array, float]:
+    Attributes:
+        problem, has_prior: What is fitted.
+        steps: Number of steps taken.
+    """
+
+    def __init__(self, problem: Problem, *, has_prior: bool) -> None:
+        self.problem, self.has_prior, self.steps = problem, has_prior, 0
+        self._z, self._nuisances = np.zeros(problem.unit.root.shape[1]), problem.start
+        self._white, self._cost = self._measured(self._z, self._nuisances)
+        # without a prior the combinations to estimate are those at the means, the same at every step
+        self._kept = None if has_prior else self._estimator().kept
+        self._last: Estimator | None = None
+        self._size, self._is_settled = np.inf, False
+
+    def _measured(self, z: Array, nuisances: Array) -> tuple[Array, float]:
         """Return whitened residuals, and the cost."""
-        white = problem.whiten(problem.residuals(z, nuisances))
-        return white, float(white @ white) + (float(z @ z) if has_prior else 0.0)
+        white = self.problem.whiten(self.problem.residuals(z, nuisances))
+        return white, float(white @ white) + (float(z @ z) if self.has_prior else 0.0)
 
-    z, nuisances = np.zeros(problem.unit.root.shape[1]), problem.start
-    white, cost = measured(z, nuisances)
-    # without a prior the combinations to estimate are those at the means, the same at every step
-    kept = None if has_prior else Estimator.of(*problem.slopes(z, nuisances), has_prior=False).kept
-    size, estimator = np.inf, None
-    for step in range(1, steps + 1):  # noqa: B007
-        if estimator is None or size > _SMALL:
-            estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
-        target = white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
-        better = estimator.estimate(target, *problem.bounds)
-        change, other_change = better - z, estimator.nuisances(target - estimator.by_z @ better) - nuisances
-        size = max(np.abs(change).max(initial=0.0), np.abs(estimator.by_nuisance @ other_change).max(initial=0.0))
-        # the step is halved until the cost does not rise
-        for share in 0.5 ** np.arange(_HALVINGS):
-            new, other = z + share * change, nuisances + share * other_change
-            try:
-                there, value = measured(new, other)
-            except InputError:  # an error turns a place by half a turn
-                continue
-            # rounding of the sum must not hold up the last steps
-            if value <= cost * (1 + 1e-9) + 1e-9:
-                z, nuisances, white, cost = new, other, there, value
-                break
-        if size < _SETTLED * (1 + np.abs(z).max(initial=0.0)):
-            break
-    else:
-        if steps >= STEPS:
+    def _estimator(self, kept: Array | None = None) -> Estimator:
+        slopes = self.problem.slopes(self._z, self._nuisances)
+        return Estimator.of(*slopes, has_prior=self.has_prior, kept=kept)
+
+    def fit(self, steps: int = STEPS) -> Fit:
+        """Return the estimate after a number of steps in all, or when it has settled; refuse one that does not."""
+        while not self._is_settled and self.steps < steps:
+            self._step()
+        if not self._is_settled and steps >= STEPS:
             raise InputError(
                 f"the fit has not settled after {steps} steps; check the units of the data, the target and the base of the "
                 "measurement"
             )
-    estimator = Estimator.of(*problem.slopes(z, nuisances), has_prior=has_prior, kept=kept)
-    residuals = problem.residuals(z, nuisances)
-    at_bounds, local = tuple[str, ...](), estimator
-    if has_prior and problem.unit.is_independent:
-        low, high = problem.bounds
-        held = (z <= low) | (z >= high)
-        at_bounds = tuple(compress(problem.unit.names, held))
-        if at_bounds:  # what stops at a bound does not follow the readings
-            local = Estimator.of(estimator.by_z[:, ~held], estimator.by_nuisance, has_prior=True)
-    without_bounds = estimator.estimate(white + estimator.by_z @ z) if at_bounds else z
-    degrees = len(white) - estimator.nuisance_rank - (0 if has_prior else estimator.kept.shape[1])
-    left_out = leave_out(problem, estimator, local, residuals, np.arange(len(residuals)))
-    return Fit(z, nuisances, without_bounds, estimator, cost, degrees, residuals, local, left_out, step, at_bounds)
+        return self._estimate()
+
+    def _step(self) -> None:
+        self.steps += 1
+        if self._last is None or self._size > _SMALL:
+            self._last = self._estimator(self._kept)
+        estimator, z, nuisances = self._last, self._z, self._nuisances
+        target = self._white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
+        better = estimator.estimate(target, *self.problem.bounds)
+        change, other_change = better - z, estimator.nuisances(target - estimator.by_z @ better) - nuisances
+        self._size = max(np.abs(change).max(initial=0.0), np.abs(estimator.by_nuisance @ other_change).max(initial=0.0))
+        # the step is halved until the cost does not rise
+        for share in 0.5 ** np.arange(_HALVINGS):
+            new, other = z + share * change, nuisances + share * other_change
+            try:
+                there, value = self._measured(new, other)
+            except InputError:  # an error turns a place by half a turn
+                continue
+            # rounding of the sum must not hold up the last steps
+            if value <= self._cost * (1 + 1e-9) + 1e-9:
+                self._z, self._nuisances, self._white, self._cost = new, other, there, value
+                break
+        self._is_settled = bool(self._size < _SETTLED * (1 + np.abs(self._z).max(initial=0.0)))
+
+    def _estimate(self) -> Fit:
+        problem, z, white = self.problem, self._z, self._white
+        estimator = self._estimator(self._kept)
+        residuals = problem.residuals(z, self._nuisances)
+        degrees = len(white) - estimator.nuisance_rank - (0 if self.has_prior else estimator.kept.shape[1])
+        at_bounds, local = tuple[str, ...](), estimator
+        if self.has_prior and problem.unit.is_independent:
+            low, high = problem.bounds
+            held = (z <= low) | (z >= high)
+            at_bounds = tuple(compress(problem.unit.names, held))
+            if at_bounds:  # what stops at a bound does not follow the readings
+                local = Estimator.of(estimator.by_z[:, ~held], estimator.by_nuisance, has_prior=True)
+        return Fit(
+            z=z,
+            nuisances=self._nuisances,
+            without_bounds=estimator.estimate(white + estimator.by_z @ z) if at_bounds else z,
+            estimator=estimator,
+            chi_square=self._cost,
+            degrees_of_freedom=degrees,
+            residuals=residuals,
+            local=local,
+            left_out=leave_out(problem, estimator, local, residuals, np.arange(len(residuals))),
+            steps=self.steps,
+            at_bounds=at_bounds,
+        )
 
 
 def leave_out(
@@ -413,7 +471,7 @@ def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
         return
     # a few steps of the exact model may explain readings that its tangent at the means does not
     with suppress(InputError):
-        found = fit(problem, has_prior=True, steps=_TRIED_STEPS)
+        found = Descent(problem, has_prior=True).fit(_TRIED_STEPS)
         if found.chi_square <= FARTHEST**2 * found.residuals.size:
             return
     median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
