@@ -116,6 +116,7 @@ def test_schema_and_doctor(run, monkeypatch):
     assert outcome.err == ""
     for name in ("precision-pin", "pin", "numpy", "numba"):
         assert re.search(rf"(?m)^{name} +{re.escape(importlib.metadata.version(name))}$", outcome.out), name
+    assert len({re.search("  +", line).end() for line in outcome.out.splitlines()}) == 1  # one column
     assert str(PAPER_SHEET) in outcome.out
     assert "MISSING" not in outcome.out
 

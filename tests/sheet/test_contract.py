@@ -367,6 +367,7 @@ JOINTS = "joints:\n  joint1: 0 deg\n  joint2: 0 deg\n  joint3: 0 deg\n"
         (f"{BOX}orientations: any\nreference: 1 2 deg", 3, "2 joint values for 4 joints"),
         ("random: {count: 0}", 1, "count: expected a whole number from 1 to 1,048,575, got '0'"),
         ("random: {seed: 3}", 1, "random: the key 'count' is missing"),
+        ("random: {count: 5, seed: x}", 1, "seed: expected a whole number from 0 to 999,999,999, got 'x'"),
         ("random: {count: 5, box: {x: 0 1 m, y: 0 1 m, z: 1 0 m}}", 1, "the box: its lowest z is above its highest"),
         ("random: {count: 5, box: {x: 8 9 m, y: 0 1 m, z: 0 1 m}}", 1, "only 0 of 10,0"),
         (f"{BOX}orientations: any\nsingular_below: -1", 3, "singular_below: expected zero or more"),

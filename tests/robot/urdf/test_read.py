@@ -188,6 +188,7 @@ def test_each_fault_is_refused_and_each_oddity_warned_of(arm, findings_of, old, 
     found = findings_of(text)
     (one,) = (finding for finding in found if finding.severity == "error") if severity == "error" else found
     assert (one.severity, one.code, one.file, one.line) == (severity, code, "arm.urdf", _line(text, at))
+    assert [finding for finding in found if finding.line == one.line] == [one]
     for word in words:
         assert word in one.message
     assert "\n" not in str(one)
