@@ -363,9 +363,9 @@ class Descent:
         self._is_settled = bool(self._size < _SETTLED * (1 + np.abs(self._z).max(initial=0.0)))
 
     def _estimate(self) -> Fit:
-        problem, z, white = self.problem, self._z, self._white
+        problem, z, nuisances, white, cost = self.problem, self._z, self._nuisances, self._white, self._cost
         estimator = self._estimator(self._kept)
-        residuals = problem.residuals(z, self._nuisances)
+        residuals = problem.residuals(z, nuisances)
         degrees = len(white) - estimator.nuisance_rank - (0 if self.has_prior else estimator.kept.shape[1])
         at_bounds, local = tuple[str, ...](), estimator
         if self.has_prior and problem.unit.is_independent:
@@ -374,18 +374,10 @@ class Descent:
             at_bounds = tuple(compress(problem.unit.names, held))
             if at_bounds:  # what stops at a bound does not follow the readings
                 local = Estimator.of(estimator.by_z[:, ~held], estimator.by_nuisance, has_prior=True)
+        without_bounds = estimator.estimate(white + estimator.by_z @ z) if at_bounds else z
+        left_out = leave_out(problem, estimator, local, residuals, np.arange(len(residuals)))
         return Fit(
-            z=z,
-            nuisances=self._nuisances,
-            without_bounds=estimator.estimate(white + estimator.by_z @ z) if at_bounds else z,
-            estimator=estimator,
-            chi_square=self._cost,
-            degrees_of_freedom=degrees,
-            residuals=residuals,
-            local=local,
-            left_out=leave_out(problem, estimator, local, residuals, np.arange(len(residuals))),
-            steps=self.steps,
-            at_bounds=at_bounds,
+            z, nuisances, without_bounds, estimator, cost, degrees, residuals, local, left_out, self.steps, at_bounds
         )
 
 
