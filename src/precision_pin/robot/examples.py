@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import chdir, redirect_stdout, suppress
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
@@ -36,14 +37,21 @@ PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
 
 def example_urdfs() -> dict[str, Path]:
     """Return the URDFs of the package example-robot-data by short name (``ur5``, ``panda``, …), empty if not installed."""
-    # The package has no Python module; its metadata lists the files. Empty files are left out.
     try:
         distribution = importlib.metadata.distribution("example-robot-data")
     except importlib.metadata.PackageNotFoundError:
         return {}
-    files = [file for file in distribution.files or () if file.suffix == ".urdf" and "robots" in file.parts]
+    return dict(_listed_urdfs(str(distribution.locate_file(""))))
+
+
+@cache
+def _listed_urdfs(folder: str) -> dict[str, Path]:
+    """Return the URDFs that the package installed in a folder; empty files are left out."""
+    # the package has no Python module; its metadata lists the files
+    listed = importlib.metadata.distribution("example-robot-data").files or ()
+    files = [file for file in listed if file.suffix == ".urdf" and "robots" in file.parts]
     files.sort(key=lambda file: (file.stem.endswith("_robot"), str(file)))
-    named = [(file.stem.removesuffix("_robot"), Path(str(distribution.locate_file(file)))) for file in files]
+    named = [(file.stem.removesuffix("_robot"), Path(folder, file)) for file in files]
     return {name: path for name, path in named if path.is_file() and path.stat().st_size}
 
 

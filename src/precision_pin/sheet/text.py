@@ -12,9 +12,6 @@ from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any, Final
 
-from ruamel.yaml import YAML, events
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
-
 from precision_pin.base.errors import Finding, SheetError
 
 Path = tuple[str | int, ...]
@@ -23,14 +20,18 @@ Path = tuple[str | int, ...]
 MOST_LEVELS: Final = 12
 MOST_NODES: Final = 100_000
 
-LARGE: Final = 20_000
-"""Characters from which libyaml, some twenty times faster, is tried first."""
-_OTHERWISE: Final = re.compile(r"[^\n -~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|^%|[{,]\s*:|.{1000}", re.M)
-"""Where libyaml may differ: tabs, directives, control characters, other line ends, empty or long keys."""
+_OTHERWISE: Final = re.compile(
+    r"[^\n -~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|^(?:%|---|\.\.\.)|[{,]\s*:|(?:^|[\s[{,:])[&*!]|[|>][-+\d]*#|.{1000}",
+    re.MULTILINE,
+)
+"""Where libyaml may differ: tabs, control characters, other line ends, directives, several documents, empty keys, anchors and
+tags, a block's comment, long keys."""
 
 
 def written_yaml(data: Mapping[str, Any]) -> str:
     """Return data as the text of a sheet."""
+    from ruamel.yaml import YAML  # late: 55 ms, and most sheets are read without it
+
     writer = YAML()
     writer.width = 120
     text = io.StringIO()
@@ -75,15 +76,21 @@ class _Node:
 
 
 def read_text(text: str, file: str) -> Text:
-    """Return the contents of YAML text."""
+    """Return the contents of YAML text.
+
+    libyaml, some ten times faster, reads what is right; ruamel.yaml what has findings or might be read differently.
+    """
     findings: list[Finding] = []
 
     def wrong(message: str, line: int | None) -> Finding:
         return Finding("error", "E_YAML", message, file, line)
 
-    quick = _read_with_libyaml(text, file, wrong) if len(text) >= LARGE else None
+    quick = _read_with_libyaml(text, file, wrong)
     if quick is not None:
         return quick
+    from ruamel.yaml import YAML, events
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
     try:
         root = _compose(YAML(typ="safe", pure=True).parse(text), events, findings, wrong)
     except MarkedYAMLError as error:
