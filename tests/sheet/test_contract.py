@@ -199,8 +199,10 @@ def test_the_schema_passes_what_the_reader_reads(load):
     sockets = "{kind: socket, sockets: [0 0 1 mm], base: free, load: [{at: tool, mass: 1 kg}]}"
     seen = "{visible_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}"
     head = WHOLE.partition("measurement:")[0]
-    texts = [PAPER_SHEET.read_text("utf-8"), CONTRACT, WHOLE, *(f"{head}measurement: {one}" for one in (sockets, seen))]
-    assert [faults(text) for text in texts] == [[]] * 5
+    joint = f"{head}  - covariance: {{frame: tool, matrix: {(1e-8 * np.eye(6)).tolist()}}}\n"
+    assert len(load(joint).sources) == len(sheet.sources) + 1
+    texts = [PAPER_SHEET.read_text("utf-8"), CONTRACT, joint, *(f"{head}measurement: {one}" for one in (sockets, seen))]
+    assert [faults(text) for text in [WHOLE, *texts]] == [[]] * 6
 
 
 @pytest.mark.fast(4)
