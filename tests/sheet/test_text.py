@@ -214,7 +214,7 @@ def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch):
         "a: b\n---\nc: d\n", '"a\\x41\\\n  b": c\n', "? a\n: b\n", "- - a\n  - b\n-\n", "",
         "a: &x {b: 1}\nc: *x\n", "a: |\n  b\n\n  c\nd: >-\n  e\n  f\n",
         "|# a\n", "- >-2# a\n", "# a\n---\n b\n", "a: b\n...\n# c\n", "&a:\n  b\n", "&a://b\n", "{a:&b c}\n", "a: [*b:, c]\n",
-        'a: [b, "c":]\n', "a: " + "[" * 14 + "]" * 14 + "\n", 'a: "\\ud800"\n', "a: \ud800\n",
+        'a: [b, "c":]\n', ">\n#\n", "a: " + "[" * 14 + "]" * 14 + "\n", 'a: "\\ud800"\n', "a: \ud800\n",
     ]  # fmt: skip
     quick = list(map(outcome, texts))
     monkeypatch.setattr("precision_pin.sheet.text._read_with_libyaml", lambda *_: None)

@@ -21,12 +21,12 @@ MOST_LEVELS: Final = 12
 MOST_NODES: Final = 100_000
 
 _OTHERWISE: Final = re.compile(
-    r"[^\n -~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|^(?:%|---|\.\.\.)|[{,]\s*:|:\s*[]},]|(?:^|[\s[{,:])[&*!]|[|>][-+\d]*#"
-    r"|.{1000}",
+    r"[^\n -~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|^(?:%|---|\.\.\.)|[{,]\s*:|:\s*[]},]|(?:^|[\s[{,:])[&*!]"
+    r"|[|>][-+\d]* *(?:#|$)|.{1000}",
     re.MULTILINE,
 )
 """Where libyaml may differ: tabs, control characters, other line ends, directives, several documents, empty keys and values,
-anchors and tags, a block's comment, long keys."""
+anchors and tags, block scalars, long keys."""
 
 
 def written_yaml(data: Mapping[str, Any]) -> str:
