@@ -319,10 +319,9 @@ def test_memory_does_not_grow_with_the_samples(paper):
     def peak(samples):
         tracemalloc.start()
         moments(paper, method="sobol-control", samples=samples)
-        try:
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
 
-    peak(16 * 64)
-    assert peak(16 * 8192) < 1.2 * peak(16 * 2048)
+    moments(paper, method="sobol-control", samples=16 * 64)
+    assert peak(16 * 8192) < 1.2 * peak(16 * 64)

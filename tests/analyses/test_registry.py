@@ -96,8 +96,9 @@ def test_an_added_analysis_is_found_everywhere(tmp_path, monkeypatch):
     made = runpy.run_path(str(Path(__file__).parent.parent.parent / "docs" / "generate.py"))
     assert "`--level FLOAT`" in made["parameters"]("offset").replace("float", "FLOAT")
     assert "Error with every parameter at its mean." in made["commands"]()
-    # the report, without the other analyses, which take seconds
+    # the report, without the other analyses and the pictures of the sampling, which take seconds
     monkeypatch.setattr(registry, "FOLDERS", ["offset_analysis"])
+    monkeypatch.setattr("precision_pin.pages.report.page.distributions", lambda _: "")
     reader = Reader(page(results_of(PAPER_SHEET)))
     assert (2, "Offset at the means") in reader.headings
     assert f"dx at the means is {1e3 * OFFSET[0]:.4f} mm" in reader.text

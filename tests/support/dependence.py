@@ -21,14 +21,16 @@ LOADINGS = 3
 
 def hidden_dependence(source: Source, chain: Chain, space: Space | None = None, seed: int = 0) -> str | None:
     """Return in which way a source depends on more than it says at random configurations and loads; None for none."""
-    label = source.label()
+    label, is_alike = source.label(), source.is_alike_everywhere(chain)
+    if source.depends_on == "loads" and not is_alike:
+        return None
     view = LabelledSpace((space or Space()).including(source.draws(label)), label)
     generator = np.random.default_rng(seed)
     spans = np.where(chain.prismatic, 0.4, 3.0)
     bare = [chain.at(generator.uniform(-spans, spans)) for _ in range(POSES)]
     said = [_all_said(source, posture, _loadings(posture, source, view, generator), view) for posture in bare]
     every = [terms for by_loading, _ in said for terms in by_loading]
-    if source.is_alike_everywhere(chain) and not all(_agree(every[0], terms, 1e-9) for terms in every):
+    if is_alike and not all(_agree(every[0], terms, 1e-9) for terms in every):
         return "its terms are not alike everywhere"
     if source.depends_on == "loads":
         return None
@@ -74,7 +76,7 @@ def _agree(terms: Sequence[Term], others: Sequence[Term], tolerance: float) -> b
         (one.target.is_same(other.target) if isinstance(one.target, Place) else one.target == other.target)
         and one.factors == other.factors
         and one.loaded == other.loaded
-        and np.allclose(one.twist, other.twist, rtol=tolerance, atol=1e-3 * tolerance * np.abs(one.twist).max())
+        and (abs(one.twist - other.twist) <= tolerance * (abs(other.twist) + 1e-3 * abs(one.twist).max())).all()
         for one, other in zip(terms, others, strict=True)
     )
 

@@ -220,12 +220,12 @@ def test_json_of_every_result_is_what_its_fields_declare():
     found = plain_fit()
     results = {
         "calibration": found,
-        "calibration-forecast": pp.forecast_calibration(model, q, TRACKER),
+        "calibration-forecast": pp.forecast_calibration(model, q, TRACKER, at=["work"]),
         "calibration-plan": pp.plan_calibration(model, q, 5, TRACKER),
         "population": pp.population(model, [found, found], TRACKER),
     }
-    for schema, result in results.items():
-        data = json.loads(result.to_json())
+    written = {schema: json.loads(result.to_json()) for schema, result in results.items()}
+    for (schema, result), data in zip(results.items(), written.values(), strict=True):
         assert list(data)[:4] == ["schema", "complete", "robot", "base"]
         assert data["schema"] == f"precision-pin/{schema}/1"
         assert list(data)[-1] == "findings"
@@ -238,7 +238,7 @@ def test_json_of_every_result_is_what_its_fields_declare():
                 assert data[key] == value
             else:
                 assert len(data[key]) == len(value) if isinstance(value, tuple) else bool(data[key]) == bool(value)
-    assert [entry["name"] for entry in json.loads(found.to_json())["poses"]] == ["work", "home"]
+    assert [entry["name"] for entry in written["calibration"]["poses"]] == ["work", "home"]
     best, poses = plan_figure(results["calibration-plan"]).axes
     assert list(best.lines[0].get_ydata()) == [100, 100]
     assert poses.get_xlim() == (0.5, 2.5)

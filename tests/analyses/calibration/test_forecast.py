@@ -267,9 +267,9 @@ def test_the_best_of_all_choices_is_found(criterion, measurement):
 @pytest.mark.slow
 def test_plan_and_forecast_agree_and_a_seed_gives_one_plan():
     model, q, measurement = plain_model(), random_poses(4, 14), SET_UPS[0]
-    one, other = (pp.plan_calibration(model, q, 5, measurement, seed=3) for _ in range(2))
+    one, other = (pp.plan_calibration(model, q, 5, measurement, at=["work"], seed=3) for _ in range(2))
     assert one.to_json() == other.to_json()
-    found = pp.forecast_calibration(model, one.q, measurement)
+    found = pp.forecast_calibration(model, one.q, measurement, at=["work"])
     assert found.rms("after") == pytest.approx(one.rms("after"), rel=1e-9)
     assert found.observability == pytest.approx(one.observability, rel=1e-6)
     assert one.efficiency > 0.9

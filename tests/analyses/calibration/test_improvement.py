@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -124,13 +125,17 @@ def test_groups_that_share_errors_are_fewer_trials():
     assert found.trials < 6
 
 
+@cache
+def stack_of_free_base():
+    model, free = plain_model(), replace(UNKNOWN, std=20e-6)
+    return stack_at_means(stations_of(model, random_poses(4, 300), free), UnitNumbers.of(model.space), free)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("noise", "size"), [(1, 1), (50, 0)])
 def test_the_interval_of_the_gain_holds_that_at_unseen_poses(noise, size):
     """Linear robots with a free base, 25 of 300 poses: the gain over all poses; where there is none, few "helps"."""
-    free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
-    stations = stations_of(plain_model(), random_poses(4, 300), free)
-    every, set_up = stack_at_means(stations, UnitNumbers.of(plain_model().space), free)
+    every, set_up = stack_of_free_base()
     every, rng, held, helps, robots = every / noise, np.random.default_rng(0), [], [], 300
     for _ in range(robots):
         chosen = rng.choice(300, 25, replace=False)

@@ -171,7 +171,7 @@ def test_widths_of_a_sheet_are_multiplied_in_every_spelling(tmp_path):
 
 @pytest.mark.slow
 def test_misuse_is_refused_in_one_line(tmp_path):
-    model, (robot, _) = model_of({}), robots_of(2)
+    model, (robot, _) = model_of({}), robots_of(2, poses=3)
     result = pp.calibrate(model, robot, TRACKER)
     (tmp_path / "a.json").write_text(json.dumps({"schema": "other"}))
     other = model_of({"joint_offset[joint2].offset": 2.0})
