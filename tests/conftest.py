@@ -40,9 +40,7 @@ def pytest_collection_modifyitems(items):
 
     At first a worker's other tests and the build of the site leave a browser no processor to draw with.
     """
-    if "support.browser" in sys.modules:
-        of_browsers = sys.modules["support.browser"].needs_chromium.mark
-        items.sort(key=lambda item: of_browsers in item.iter_markers("skipif"))
+    items.sort(key=opens_browser)
     cases = {}
     for item in items:
         if item.get_closest_marker("fast") and not item.get_closest_marker("slow"):
@@ -99,10 +97,15 @@ def site_begun(request, tmp_path_factory):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item, nextitem):
-    """End the browser after the last test of a file that shares one."""
+    """End the browser after the last of the tests that share one."""
     yield
-    if "support.browser" in sys.modules and (nextitem is None or nextitem.path != item.path):
+    if "support.browser" in sys.modules and (nextitem is None or not opens_browser(nextitem)):
         sys.modules["support.browser"].close_browser()
+
+
+def opens_browser(item):
+    browser = sys.modules.get("support.browser")
+    return browser is not None and browser.needs_chromium.mark in item.iter_markers("skipif")
 
 
 HANDLERS = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}

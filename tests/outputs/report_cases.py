@@ -23,6 +23,7 @@ from precision_pin.statistics.plan import specification
 from support.plain_robot import joint, limits, link, robot
 
 SAMPLES = 3_000
+BLANK = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
 SCRIPT, SVG, MATHS, BRACE, HAN = (
     "</script><img src=x onerror=alert(1)>",
     '"><svg onload=alert(2)>',

@@ -273,8 +273,10 @@ def test_angles_near_a_pitch_of_90_degrees(tmp_path, pitch, roll, yaw, turn, shi
 def laden(tmp_path: Path, statics: str = "nominal") -> pp.ErrorModel:
     path = written_file(tmp_path, random_arm(51, prismatic=(4,)))
     model = everything(pp.Chain.from_urdf(path, "tool"))
+    # at equilibrium each direction in which a place can move costs an arm of its own; the other case has these sources
+    many = (AxisInstall, Length, Mcpc) if statics == "equilibrium" else ()
     sources = [
-        *model.sources,
+        *(source for source in model.sources if not isinstance(source, many)),
         Backlash(joint="joint3", backlash=pp.Uniform(1e-4, mean=3e-4), band=1e3),
         Backlash(joint="joint2", backlash=1e-3, band=0.1),
         Transmission(joint="joint5", amplitude=(pp.Uniform(1e-4, mean=5e-4),), order=(2.0,), stiffness=5e4),
@@ -295,6 +297,8 @@ def test_all_errors_are_reproduced_at_the_export_pose(tmp_path, statics):
     q = model.poses["export"]
     for built in writer.units(5, 3, 2 if statics == "nominal" else 1):
         assert_reproduced(model, writer, built, q[None], unit=built.unit)
+    if statics == "equilibrium":
+        return
     # elsewhere the loads pull otherwise: the same numbers give another error, and the file does not claim it
     at = model.at(q + 0.4)
     values = dict(zip(model.chain.joint_names, q + 0.4, strict=True))

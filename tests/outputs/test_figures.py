@@ -119,7 +119,9 @@ def test_a_figure_is_drawn_once_and_its_files_are_the_same_each_time(tmp_path, m
 
 
 def overlaps(figure: Figure) -> list[tuple[str, str]]:
-    figure.canvas.draw()
+    renderer = figure.canvas.get_renderer()
+    with renderer._draw_disabled():  # all of it is put in its place, and nothing is painted
+        Figure.draw(figure, renderer)
     boxes = [(text.get_text(), text.get_window_extent()) for text in drawn_texts(figure)]
     return [(one[0], other[0]) for one, other in itertools.combinations(boxes, 2) if one[1].overlaps(other[1])]
 
@@ -138,8 +140,9 @@ def test_text_is_large_enough_inside_the_page_and_does_not_overlap(case: str) ->
             box = text.get_window_extent()
             assert page.x0 <= box.x0 <= box.x1 <= page.x1, (name, text.get_text())
             assert page.y0 <= box.y0 <= box.y1 <= page.y1, (name, text.get_text())
-    figure.text(0.5, 0.1, "a text laid across the legend, which it must not be")
-    assert overlaps(figure)
+    if case == CASES[0]:
+        figure.text(0.5, 0.1, "a text laid across the legend, which it must not be")
+        assert overlaps(figure)
 
 
 def legend_of(figure: Figure) -> list[str]:
@@ -354,15 +357,15 @@ LISTED = PoseSet.at(CHAIN, PAPER.poses["paper"][:, None] + np.linspace(0, 0.2, 3
 @pytest.mark.slow
 def test_the_layout_follows_the_places(plane, tmp_path):
     for poses, kind, axes in (
-        (placed(x=np.linspace(1.0, 2.6, 30), y=0.3, z=0.3), "path", ("x [mm]",)),
+        (placed(x=[1.0, 1.5, 2.0, 2.6], y=0.3, z=0.3), "path", ("x [mm]",)),
         (plane, "plane", ("x [mm]", "y [mm]")),
-        (placed(x=[1.0, 2.0, 3.0], y=[0.0, 0.4, 0.8], z=[0.1, 0.3, 0.5]), "space", ("x [mm]", "y [mm]", "z [mm]")),
+        (placed(x=[1.0, 2.0], y=[0.0, 0.4], z=[0.1, 0.3]), "space", ("x [mm]", "y [mm]", "z [mm]")),
         (TIMED, "path", ("time [s]",)),
         (LISTED, "list", ("pose, in the order given",)),
     ):
         layout = layout_of(poses, np.arange(len(poses)))
         assert (layout.kind, layout.names) == (kind, axes)
-        if kind != "plane":
+        if kind == "space" or poses.node is None:  # the other path is drawn as that of times
             made = pp.map_poses(PAPER, poses, verify=0, relative_to="paper")
             map_figure(made).savefig(tmp_path / "map.png", dpi=30)
             assert (tmp_path / "map.png").stat().st_size > 3_000
@@ -483,8 +486,9 @@ def test_the_cloud_fills_a_fair_part_of_the_picture_and_the_limit_has_room(at, m
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("middle", "limit"), [(36e-3, 42e-3), (0.0, 2e-3)])
-def test_the_texts_of_a_picture_do_not_overlap(at, middle, limit):
+def test_the_texts_of_a_picture_do_not_overlap(at, monkeypatch, middle, limit):
     """A limit about a cloud far from the tip reaches down to the scale of the errors."""
+    monkeypatch.setattr(drawing, "_OVERSAMPLING", 1)
     errors = 1e-3 * np.random.default_rng(3).standard_normal((3, 500)) + [[middle], [0.0], [0.0]]
     made = draw_picture(at.posture, Cloud(errors, middle + 2.8e-3, limit)).figure
     assert len(made.axes[0].texts) >= 5

@@ -314,8 +314,8 @@ def test_words_and_marks_of_yaml_are_quoted() -> None:
 def test_quoting_survives_any_name(version: str, name: str) -> None:
     word = quoted(name)
     assert "\n" not in word
-    assert loaded(f"tip: {word}    # note\n", version) == {"tip": name}
-    assert loaded(f"- length: {{joint: {word}, at: {word}}}\n", version) == [{"length": {"joint": name, "at": name}}]
+    sources = f"- length: {{joint: {word}, at: {word}}}\n- tip: {word}    # note\n"
+    assert loaded(sources, version) == [{"length": {"joint": name, "at": name}}, {"tip": name}]
     assert loaded(f"{word}: 1 m\n", version) == {name: "1 m"}
 
 

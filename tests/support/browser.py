@@ -49,7 +49,7 @@ _shared: list[tuple[Playwright, Browser]] = []
 def chromium(**options: object) -> Iterator[BrowserContext]:
     """Yield a new profile of the browser; options such as ``color_scheme="dark"`` or ``viewport``.
 
-    The tests of a file share a browser, since one takes a second to start and to end; `close_browser` ends it.
+    Tests share a browser, since one takes seconds to start and to end; `close_browser` ends it.
     """
     if not _shared:
         playwright = sync_playwright().start()
