@@ -239,7 +239,7 @@ TWO_POSES = np.tile(np.array(POSE)[:, None], 2)
 
 
 def _sampling_calls():
-    arm = model()
+    arm, small = model(), small_model()
     saving = {"resume": False, "files": {}, "tell": None}
     fine = {"files": "nothing, empty mapping", "tell": "nothing, function"}
     yield call(
@@ -250,19 +250,19 @@ def _sampling_calls():
             "journal": "nothing, word, digits", **fine,
         },
     )  # fmt: skip
-    yield call(pp.relative, error_model=arm, pose=POSE, other=[0.0, 0.1, 0.2, 0.3], samples=64,
+    yield call(pp.relative, error_model=small, pose=POSE, other=[0.0, 0.1, 0.2, 0.3], samples=64,
                fine={"pose": OPTIONAL, "other": OPTIONAL})  # fmt: skip
-    yield call(pp.sample_poses, error_model=arm, q=TWO_POSES, samples=64, everywhere=False, **saving,
+    yield call(pp.sample_poses, error_model=small, q=TWO_POSES, samples=64, everywhere=False, **saving,
                fine={"everywhere": "true", **fine})  # fmt: skip
-    yield call(lambda pose, approach: arm.at(pp.ApproachedPose(pose, approach)), {}, "ApproachedPose",
+    yield call(lambda pose, approach: small.at(pp.ApproachedPose(pose, approach)), {}, "ApproachedPose",
                pose=POSE, approach={"joint1": "+"},
                fine={"pose": OPTIONAL, "approach": f"{EMPTY}, empty mapping"})  # fmt: skip
-    yield call(pp.sample_approaches, error_model=arm, pose=POSE, approaches=["joint1 +", "joint1 -"], robots=3, cycles=2,
+    yield call(pp.sample_approaches, error_model=small, pose=POSE, approaches=["joint1 +", "joint1 -"], robots=3, cycles=2,
                target=(0.0, 0.0, 0.1), fine={"pose": OPTIONAL, "number": "zero", "first": "zero"})  # fmt: skip
-    yield call(pp.map_poses, error_model=arm, poses=TWO_POSES, samples=64, verify=1,
+    yield call(pp.map_poses, error_model=small, poses=TWO_POSES, samples=64, verify=1,
                fine={"samples": OPTIONAL, "verify": "zero"})  # fmt: skip
-    yield call(pp.path_law, error_model=arm, poses=TWO_POSES, samples=100, fine={"probability": POSITIVE})
-    yield call(pp.compare, models=[arm, arm], poses=POSE, samples=64, fine={"poses": SEVERAL})
+    yield call(pp.path_law, error_model=small, poses=TWO_POSES, samples=100, fine={"probability": POSITIVE})
+    yield call(pp.compare, models=[small, small], poses=POSE, samples=64, fine={"poses": SEVERAL})
 
 
 def _pose_calls():
@@ -300,8 +300,8 @@ def _analysis_calls():
     }  # fmt: skip
     yield call(pp.allocate, {"problem": "problem|allocate", "pareto": "points of the front"},
                error_model=arm, problem=problem, seconds=9.0, pareto=2, fine={"seconds": POSITIVE, "pareto": "zero"})  # fmt: skip
-    yield call(pp.compensate, error_model=arm, poses=np.array(POSE)[:, None], mode="pose", weights=np.ones(6))
-    yield call(pp.pose_covariance, error_model=arm, poses=TWO_POSES)
+    yield call(pp.compensate, error_model=small, poses=np.array(POSE)[:, None], mode="pose", weights=np.ones(6))
+    yield call(pp.pose_covariance, error_model=small, poses=TWO_POSES)
     several = {"poses": SEVERAL}
     yield call(pp.reliability, error_model=small, specifications="200 mm @ 99 %", poses=POSE, samples=64,
                fine=several | {"specifications": ""})  # fmt: skip
@@ -311,7 +311,7 @@ def _analysis_calls():
         pp.budget, error_model=small, poses=POSE, samples=1024, k=3.0, fine=several | {"bound_at": "nothing, one half"}
     )
     yield call(pp.exact_law, error_model=small, poses=POSE, samples=100, fine=several)
-    yield call(pp.iso9283, {"robots": "robot", "cycles": "cycle"}, error_model=_visiting(arm), poses=[POSE] * 2, cycles=2,
+    yield call(pp.iso9283, {"robots": "robot", "cycles": "cycle"}, error_model=_visiting(small), poses=[POSE] * 2, cycles=2,
                robots=5, target=[0.0, 0.0, 0.1], load=1.0, specifications=["RP 1 mm"],
                fine={"target": OPTIONAL, "load": NOT_NEGATIVE})  # fmt: skip
     yield call(pp.iso9283_of, commanded=np.zeros(6), attained=np.zeros((2, 6)))

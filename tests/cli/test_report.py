@@ -73,13 +73,17 @@ def test_a_limit_missed_on_the_map_or_along_the_path_is_exit_code_1(refused, rep
 
 def test_an_allocation_has_a_section_and_its_answer_at_the_head_and_a_compensation_a_section(run, refused, folder):
     (folder / "way.csv").write_text("joint4,joint3,joint2,joint1\n-1.588,1.536,0.0524,-1.571\n-1.4,1.3,0.1,-1.2\n")
-    text = (folder / "4dof.errors.yaml").read_text()
+    text = (
+        "precision-pin: 1\nrobot: 4dof.urdf\ntip: tool\nposes: {paper: -90 3 88 -91 deg}\nsources:\n"
+        "  - axis_install: {joint: joint1, radius: 0.1 mm, span: 100 mm}\n"
+        "  - length: {frame: tool, parameters: {uniform: 1 mm, mean: 3 mm}}\n"
+    )
     entry = "{path: 'axis_install[joint1].radius', cost: {reciprocal: 1 mm}, min: 0.05 mm}"
-    (folder / "wanted.yaml").write_text(f"{text}\nallocate:\n  specs: [30 mm @ 95 %]\n  tolerances: [{entry}]\n")
+    (folder / "wanted.yaml").write_text(f"{text}allocate:\n  specs: [3 mm @ 95 %]\n  tolerances: [{entry}]\n")
     asked = ("--samples", "2000", "--allocate", "--out")
     run("report", "wanted.yaml", "--compensate", "way.csv", *asked, "page.html", code=1)
     page = (folder / "page.html").read_text("utf-8")
-    assert "Allocation: no allocation was found that meets position.norm 30 mm @ 95 %" in page.replace("&nbsp;", " ")
+    assert "Allocation: no allocation was found that meets position.norm 3 mm @ 95 %" in page.replace("&nbsp;", " ")
     for said in (
         'href="#allocation"', "--allocate", "constant part", "axis_install[joint1].radius", 'href="#compensation"',
         "--compensate way.csv",
