@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import importlib
 import inspect
 import pkgutil
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx import addnodes
+from sphinx.pycode.parser import Parser
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.inspect import stringify_signature
 
@@ -303,7 +305,9 @@ def visit_math_block(translator: HTML5Translator, node: nodes.math_block) -> Non
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register what this site adds to Sphinx."""
+    """Register what this site adds to Sphinx, and leave out what takes time and changes no page."""
+    gc.disable()  # pages stay to the end of the build, and are looked through again and again
+    Parser.parse_definition = lambda _: None  # the lines of definitions, for pages of the source: there are none
     app.connect("source-read", add_toctrees)
     app.connect("source-read", fill)
     app.connect("source-read", add_index_entries)

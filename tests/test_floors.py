@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from support.package_code import PACKAGE, tree
+from support.package_code import PACKAGE, nodes, tree
 
 FLOORS = (
     *("base", "statistics", "render", "draws", "robot", "terms", "sources", "sheet", "model", "export", "kernel"),
@@ -68,7 +68,7 @@ def named_modules(node, path, package):
 @cache
 def imported_modules(path, package):
     """Return every module a file imports, at any depth of the code, type-checking blocks and names in strings included."""
-    return {name for node in ast.walk(tree(path)) for name in named_modules(node, path, package)}
+    return {name for node in nodes(path) for name in named_modules(node, path, package)}
 
 
 @cache
@@ -142,7 +142,7 @@ def users_of_pinocchio(package):
 def lines_of_code(path):
     lines = path.read_text(encoding="utf-8").splitlines()
     left_out = {number for number, line in enumerate(lines, 1) if not line.strip() or line.strip().startswith("#")}
-    for node in ast.walk(tree(path)):
+    for node in nodes(path):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             left_out |= set(range(node.lineno, node.end_lineno + 1))
     return len(lines) - len(left_out)

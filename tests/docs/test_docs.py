@@ -141,6 +141,14 @@ def _forget_half_of_trimesh() -> Iterator[None]:
             del sys.modules[module]
 
 
+@pytest.fixture(autouse=True)
+def _undrawn_files(monkeypatch) -> None:
+    """Leave the files of figures empty, which no page prints."""
+    monkeypatch.setattr(
+        "precision_pin.render.figure_style._ShownFigure.savefig", lambda _, stream, **__: stream.write(b"")
+    )
+
+
 def set_up_like_a_reader(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Hide what the tests have installed and the first set-up line has not, unless the page names an extra."""
     if re.search(r"precision-pin\[\w+\]", PAGES[page].read_text(encoding="utf-8")):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,9 @@ import pytest
 from docs.drawings import budgets, measured_arms, results, sources
 from docs.drawings.canvas import IMAGES
 
-import precision_pin
 import precision_pin as pp
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
+from support.package_code import PACKAGE, nodes
 
 PAGES = IMAGES.parent
 
@@ -98,7 +98,6 @@ def test_the_drawn_axis_meets_the_origins_plane_where_the_source_puts_the_seat(t
 
 
 ROOT = Path(__file__).parents[2]
-PACKAGE = Path(precision_pin.__file__).parent
 FOLDERS = ("analyses", "cli", "export", "model", "pages", "render", "sampling", "statistics")
 WORDS = re.compile(
     r"\{VERDICT\}|\b(MET|NOT MET|[Mm]et|holds?|at least|at most|bounds?|certified|agrees?|AGREES|DISAGREES?|worst|never|always"
@@ -118,27 +117,30 @@ def quoted(cell: str) -> list[str]:
     return re.findall(r"`([^`]+)`", cell)
 
 
-def sentences(tree: ast.Module) -> Iterator[str]:
-    """Yield the texts of a module that it may print, {} for what is filled in; neither docstrings, refusals nor keys."""
+@functools.cache
+def sentences(path: Path) -> tuple[str, ...]:
+    """Return the texts of a module that it may print, {} for what is filled in; neither docstrings, refusals nor keys."""
     left_out: set[int] = set()
-    for node in ast.walk(tree):
+    found = []
+    for node in nodes(path):
         if isinstance(node, ast.Raise):
             left_out |= {id(one) for one in ast.walk(node)}
         elif isinstance(node, ast.Expr):
             left_out.add(id(node.value))
         elif isinstance(node, ast.JoinedStr):
             left_out |= {id(one) for one in ast.walk(node) if isinstance(one, ast.Constant)}
-    for node in ast.walk(tree):
+    for node in nodes(path):
         if id(node) in left_out:
             continue
         if isinstance(node, ast.JoinedStr):
-            yield "".join(one.value if isinstance(one, ast.Constant) else filled_in(one) for one in node.values)
+            found.append("".join(one.value if isinstance(one, ast.Constant) else filled_in(one) for one in node.values))
         elif (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)
             and not re.fullmatch(r"[a-z_.=*]+", node.value)
         ):
-            yield node.value
+            found.append(node.value)
+    return tuple(found)
 
 
 def filled_in(node: ast.expr) -> str:
@@ -157,7 +159,7 @@ def test_every_sentence_has_a_row() -> None:
     for folder in FOLDERS:
         for path in sorted((PACKAGE / folder).rglob("*.py")):
             file = path.relative_to(PACKAGE).as_posix()
-            for text in sentences(ast.parse(path.read_text(encoding="utf-8"))):
+            for text in sentences(path):
                 if WORDS.search(text) and not any(part in text for part in known.get(file, [])):
                     missing.append(f"{file}: {text}")
     assert missing == []
@@ -167,7 +169,7 @@ def test_every_sentence_has_a_row() -> None:
 def test_every_sentence_of_the_table_is_printed() -> None:
     stale = []
     for row in rows():
-        texts = [text for file in quoted(row[1]) for text in sentences(ast.parse((PACKAGE / file).read_text("utf-8")))]
+        texts = [text for file in quoted(row[1]) for text in sentences(PACKAGE / file)]
         stale += [part for part in quoted(row[0]) if not any(part in text for text in texts)]
     assert stale == []
 

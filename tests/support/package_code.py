@@ -16,6 +16,12 @@ def tree(path: Path) -> ast.Module:
 
 
 @cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """Return all that a file's tree has: to walk through it takes as long as to parse it."""
+    return tuple(ast.walk(tree(path)))
+
+
+@cache
 def import_statements(path: Path) -> tuple[ast.Import | ast.ImportFrom, ...]:
     """Return the imports of a file, at any depth of the code."""
-    return tuple(node for node in ast.walk(tree(path)) if isinstance(node, ast.Import | ast.ImportFrom))
+    return tuple(node for node in nodes(path) if isinstance(node, ast.Import | ast.ImportFrom))
