@@ -1,7 +1,5 @@
 """The benchmarks: what they compare is the same, what they fit is right, and they run and write their page."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import sys

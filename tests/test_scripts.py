@@ -1,7 +1,5 @@
 """The examples run, the README's commands stand, the locks hold what is named, and the package carries its robots."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import os

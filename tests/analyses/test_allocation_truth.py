@@ -1,7 +1,5 @@
 """Answers and bounds of an allocation against every choice of grades, judged by closed forms and plain numpy alone."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Worst case against published numbers, corners by brute force, closed forms, very many directions and the exact model."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

@@ -7,7 +7,6 @@ import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from unittest.mock import MagicMock, Mock
 
 import pytest
 
@@ -148,26 +147,6 @@ def undrawn_figures(monkeypatch):
     monkeypatch.setattr("precision_pin.render.figure_style._svg", lambda _: blank)
     monkeypatch.setattr("precision_pin.pages.view.drawing._OVERSAMPLING", 1)
     take_few_samples(monkeypatch)
-
-
-@pytest.fixture(autouse=True)
-def unmade_figures(undrawn_figures, monkeypatch):
-    leave_out_figures(monkeypatch)
-
-
-def leave_out_figures(patch):
-    """Do not even make the figures of pages that stay blank: some pages of tests/journeys and tests/outputs have them."""
-    content, nothing = Declaration.content, Mock(return_value="")
-
-    def content_without_figures(self, result, results):
-        with pytest.MonkeyPatch.context() as inner:
-            for name in ("figure", "draw_bars", "_overlay"):
-                inner.setattr(f"{self.outputs}.figure.{name}", nothing, raising=False)
-            return content(self, result, results)
-
-    patch.setattr(Declaration, "content", content_without_figures)
-    patch.setattr("precision_pin.analyses.monte_carlo.section.figures", MagicMock())
-    patch.setattr("precision_pin.pages.report.summary.picture", nothing)
 
 
 def take_few_samples(patch):

@@ -1,7 +1,5 @@
 """Files that are written appear whole or not at all; those that are read are regular, of bounded size, or refused."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Results as data frames and datasets, with the numbers of the JSON; numbers, names, laws and markup in words."""
 
-from __future__ import annotations
-
 import importlib.resources
 import json
 import math

@@ -8,8 +8,6 @@ page runs in a folder with the paper's arm and sheet, and with nothing installed
 unless it names an extra (``precision-pin[xarray]``).
 """
 
-from __future__ import annotations
-
 import ast
 import contextlib
 import doctest

@@ -1,7 +1,5 @@
 """Drawings and the table of verdicts: in step with the code that draws, computes and says what they show."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import re

@@ -1,7 +1,5 @@
 """The site: Sphinx builds it without a warning, and its pages work without a network."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

@@ -1,7 +1,5 @@
 """A law is one file: one added in a file of its own is known everywhere, and no other file names those there are."""
 
-from __future__ import annotations
-
 import ast
 import math
 import re

@@ -1,7 +1,5 @@
 """The arms of the journeys and where Pinocchio says their tips are, tolerances of a sheet as a user finds them, every command."""
 
-from __future__ import annotations
-
 import csv
 import json
 import warnings

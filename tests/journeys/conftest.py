@@ -1,7 +1,5 @@
 """Whole journeys through the command line, each in an empty folder, from what ``init`` writes."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import sys

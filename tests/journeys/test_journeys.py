@@ -1,7 +1,5 @@
 """Arms designed, repaired and calibrated, each journey by commands alone and checked by Pinocchio."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every file that one command writes, read by every command that takes such a file: one arm, whose files are written once."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator
@@ -10,7 +8,6 @@ from pathlib import Path
 import click
 import pytest
 
-from cli.conftest import leave_out_figures
 from journeys.arms import READERS, codes
 from journeys.conftest import Desk
 from precision_pin.cli.program import cli, list_commands
@@ -154,10 +151,7 @@ def words_of(name: str, run: dict[str, str]) -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "run"), RUNS, ids=[f"{name} {' '.join(run.values())}" for name, run in RUNS])
-def test_pairs(written, monkeypatch, name, run):
-    if name == "report" and run.get("SHEET.yaml") != "calibrate --sheet":
-        # one page with the figures of a calibrated arm is enough
-        leave_out_figures(monkeypatch)
+def test_pairs(written, name, run):
     words = words_of(name, run)
     refused = name == "allocate" and run.get("SHEET.yaml") == "calibrate --sheet"
     found = written.run(*words, code=2 if refused else codes(name))

@@ -1,7 +1,5 @@
 """Random term tables of random chains, for the tests of the compiled sampler."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """The compiled engine against the numpy oracle, matrix exponentials and by hand; the same bits for any blocks and poses."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import fields, replace

@@ -1,7 +1,5 @@
 """Compiled random numbers: the laws, the copula, and the functions they rest on, against numpy and scipy."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from decimal import Decimal

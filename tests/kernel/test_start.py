@@ -1,7 +1,5 @@
 """First call: one compilation for all robots, ahead in other processes; a cache that is damaged; plain Python."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 import json

@@ -6,8 +6,6 @@ every joint: |d| 35.877 mm, |δ| 15.614 mrad, ∂d/∂payload (2.703, 4.264, -3.
 stiffness factors 0.5, 1, 2, 5, 10 and 100.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import optimize

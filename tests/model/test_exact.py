@@ -1,7 +1,5 @@
 """The exact engine against the definition of places and Pinocchio, its first-order models, and what must not matter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

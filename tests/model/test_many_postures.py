@@ -1,7 +1,5 @@
 """The model at many poses: terms made together, and first-order models computed together, against one pose at a time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A target off the tip: the errors there are those of the tip with the lever arm's shift, and loads and places stay."""
 
-from __future__ import annotations
-
 import itertools
 from operator import attrgetter
 

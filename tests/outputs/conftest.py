@@ -1,7 +1,5 @@
 """The paper's arm, and a browser."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Reports to test, and a reader of pages."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """As-built URDFs: read again by three readers and compared with the exact model; nothing else in the file changes."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The pictures: text sizes and overlaps by measured extents, what is marked, and how files are written."""
 
-from __future__ import annotations
-
 import itertools
 import re
 import xml.etree.ElementTree as ElementTree

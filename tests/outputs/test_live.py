@@ -1,7 +1,5 @@
 """The live page: who can reach it, what a changed file does, and how it ends. The browser is real Chromium."""
 
-from __future__ import annotations
-
 import contextlib
 import http.client
 import itertools

@@ -1,7 +1,5 @@
 """What a notebook shows: tables whose numbers are the result's, names that are never markup, progress, the tutorial."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import html

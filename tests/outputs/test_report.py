@@ -1,7 +1,5 @@
 """The page of ``report``: every number is the analysis' number, every name is text, and it needs nothing from outside."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import itertools

@@ -1,7 +1,5 @@
 """Sheets drafted for arms: they run unedited, name everything, and their starting tolerances are what they claim."""
 
-from __future__ import annotations
-
 import functools
 import math
 import re

@@ -3,8 +3,6 @@
 A page takes seconds to open, so that tests share those that are ``kept_open``, and set what they rest on.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Calibration, compensation, map and path in the 3-D page and the report: what is drawn, and what is said."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

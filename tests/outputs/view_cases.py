@@ -1,7 +1,5 @@
 """Arms and readers for the tests of the 3-D page."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

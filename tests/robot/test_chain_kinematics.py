@@ -1,7 +1,5 @@
 """Kinematics of a chain against a second reading of the URDF: any base and tip, places, values, what is refused."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

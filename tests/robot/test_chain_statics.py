@@ -1,7 +1,5 @@
 """Statics of a chain: torques, wrenches and loads against the potential energy, free bodies and Pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Collisions by hand, by closed forms, by plain forward kinematics, and by Pinocchio's own check of the whole robot."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Inverse kinematics: the branches of a UR5 by its closed form, a planar arm by hand, statuses, bits."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

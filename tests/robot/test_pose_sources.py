@@ -1,7 +1,5 @@
 """Poses: grids, sets, random designs and trajectories by hand and by forward kinematics, and directions of approach."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Many configurations at once: against one at a time, whose statics are Pinocchio's, and as plain Python."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

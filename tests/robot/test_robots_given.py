@@ -3,8 +3,6 @@
 Names that links and joints share change nothing else.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

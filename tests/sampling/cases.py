@@ -1,7 +1,5 @@
 """Small run and helpers for the tests of sampling."""
 
-from __future__ import annotations
-
 import random
 from concurrent.futures import Future
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """File of the journal: incomplete ends, flipped bits, full disks, other runs, other processes, files made to harm."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import io

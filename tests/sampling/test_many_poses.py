@@ -1,7 +1,5 @@
 """Many poses: one at a time, closed form between poses, verdicts of the worst; planning of bins; runs until precise enough."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

@@ -1,7 +1,5 @@
 """Identical bits for all workers and any order of blocks; what is killed, lost or interrupted costs no result; a Dask cluster."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Play and its side: at a pose with a direction of approach each robot's own load decides, without one the mean load."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

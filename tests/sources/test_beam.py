@@ -1,7 +1,5 @@
 """Beams of rigidities, of material and dimensions, and in a sheet: section constants, random dimensions, every engine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

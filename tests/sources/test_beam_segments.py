@@ -1,7 +1,5 @@
 """Beams in segments, and self-weight in its three ways, against Mohr's integrals and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

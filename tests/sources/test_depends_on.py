@@ -1,7 +1,5 @@
 """Every kind of source says truly what of a posture its terms depend on."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass

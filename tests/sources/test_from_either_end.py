@@ -4,8 +4,6 @@ Seen from the tool, the error is that of the base: with the tip at p, R and erro
 displacement of the two is ``d' = -Rᵀ(d + p × δ)``, ``δ' = -Rᵀ δ`` in tool axes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

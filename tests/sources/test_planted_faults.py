@@ -1,7 +1,5 @@
 """The checks of the sources notice a wrong sign and a wrong law planted in any of them."""
 
-from __future__ import annotations
-
 import pytest
 
 from precision_pin.sources import catalogue

@@ -1,7 +1,5 @@
 """What no source can be, each told in one line: settings, what a chain does not have, and lines of a sheet."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

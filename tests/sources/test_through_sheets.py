@@ -1,7 +1,5 @@
 """Sources from a sheet: their numbers in SI, their draws by name, and every engine on all of them together."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

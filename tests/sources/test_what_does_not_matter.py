@@ -1,7 +1,5 @@
 """Tolerances of zero, the order of sources, where the base stands, how a link is cut: what must not matter."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Accumulators and histograms against numpy and exact sums on kept samples; targets and specifications; precision reached."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

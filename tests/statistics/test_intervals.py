@@ -1,7 +1,5 @@
 """Intervals by exact binomial sums and of hard laws, and how often they hold the truth; known laws; printed digits."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import math

@@ -3,8 +3,6 @@
 Chromium is Debian's; on a machine without it these tests are skipped, never where CI is set.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

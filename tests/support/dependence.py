@@ -1,7 +1,5 @@
 """Whether a source depends on no more of a posture than it says."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """One source through the sheet and through every engine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

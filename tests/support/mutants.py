@@ -1,7 +1,5 @@
 """Source modules with one planted fault."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import types

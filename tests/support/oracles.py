@@ -1,7 +1,5 @@
 """What answers are compared with: displaced chains, arms at rest, cantilevers, exact rods, a UR5 in closed form."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """The package's own files as trees of syntax, each parsed once for all the tests that look at the code."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from pathlib import Path

@@ -4,8 +4,6 @@ Philox4x32-10: Salmon, Moraes, Dror, Shaw, SC11 (2011), section 3.3. The numberi
 occasions) is that of the design's section on random numbers. Laws are inverted by scipy.stats.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Error models with many sources, for the tests of the engines, and arms of sliding joints, whose error is known exactly."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from precision_pin.draws.draw import Draw, Scope

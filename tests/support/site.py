@@ -1,7 +1,5 @@
 """Build the site once for all workers, beside the tests that need none: ``python -m support.site DOCS HOME``."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Chains, and independent readings of the paper's equations, for the tests of the MCPC adapter."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

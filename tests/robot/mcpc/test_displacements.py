@@ -3,8 +3,6 @@
 Erratum: the paper writes ΔΩ_k = J_k⁻¹ D_k, but J_k is 6×5 and has no inverse; its pseudo-inverse loses a tilt of joint 2.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

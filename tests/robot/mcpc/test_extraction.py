@@ -1,7 +1,5 @@
 """From chains to MCPC parameters and back (the paper's eqs 1-3 and Table 1)."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The error model, eqs 1-17 of the paper, against independent readings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

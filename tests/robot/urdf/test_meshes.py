@@ -3,8 +3,6 @@
 Meshes lie about their size, name files that must not be opened, or grow without end when they are walked.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """Every mutation of a sound arm brings exactly the finding it deserves, at its line, naming what is wrong."""
 
-from __future__ import annotations
-
 import codecs
 import gzip
 import math

@@ -3,8 +3,6 @@
 Changed robots: findings or a robot whatever the bytes, and a share of ``python -m fuzzing urdfs``.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Each takes the module to check, so that the suite can show that it notices a planted fault. Failures are AssertionErrors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import ModuleType
 

@@ -1,7 +1,5 @@
 """Link flexibility, eq 21, by the reference table and by integrals of the bending moment."""
 
-from __future__ import annotations
-
 import itertools
 from types import ModuleType
 

@@ -1,7 +1,5 @@
 """Bearings: axis installation (eqs 18, 19), clearance and flexibility, by hand and by free bodies of any arm."""
 
-from __future__ import annotations
-
 from types import ModuleType
 
 import numpy as np

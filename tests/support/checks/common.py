@@ -1,7 +1,5 @@
 """What the checks of the sources share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Drives: backlash, compliance (eq 23), encoder and transmission, by hand and by the slope of the potential energy."""
 
-from __future__ import annotations
-
 from types import ModuleType
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Payload, levelling and warm links: by hand, against arms that carry, lean or are cut into slices."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import ModuleType
 

@@ -1,7 +1,5 @@
 """Errors of places, by hand and against the displaced URDF: frame, length, mounting, MCPC, joint offset, covariance, table."""
 
-from __future__ import annotations
-
 import itertools
 import tempfile
 from collections.abc import Mapping
