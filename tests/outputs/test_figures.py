@@ -490,6 +490,11 @@ def test_the_texts_of_a_picture_do_not_overlap(at, monkeypatch, middle, limit):
     errors = 1e-3 * np.random.default_rng(3).standard_normal((3, 500)) + [[middle], [0.0], [0.0]]
     made = draw_picture(at.posture, Cloud(errors, middle + 2.8e-3, limit)).figure
     assert len(made.axes[0].texts) >= 5
+    # each letter stands beyond the end of its axis
+    ends = {line.get_color(): line.get_xydata() for line in made.axes[0].lines if len(line.get_xydata()) == 2}
+    for text in (text for text in made.axes[0].texts if text.get_text() in "xyz"):
+        begin, end = np.linalg.norm(ends[text.get_color()] - text.get_position(), axis=1)
+        assert begin > 3 * end
     assert overlaps(made) == []
 
 

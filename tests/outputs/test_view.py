@@ -33,7 +33,14 @@ from outputs.view_cases import (
 from precision_pin.base import se3
 from precision_pin.pages.view import DEFAULT_POINTS, MOST_POINTS, MOST_POSES, ViewPose, live, script_hashes
 from precision_pin.pages.view.headline import answers
-from precision_pin.pages.view.poses import choose_groups, ellipsoids, link_shares, tangent_of
+from precision_pin.pages.view.poses import (
+    Groups,
+    choose_groups,
+    ellipsoids,
+    link_shares,
+    samples_that_fit,
+    tangent_of,
+)
 from precision_pin.pages.view.scales import arm_length, default_factor, joint_points, middle_of, view_direction
 from precision_pin.render.display_units import ColourScale, round_number
 from precision_pin.robot import mcpc
@@ -296,6 +303,9 @@ def test_the_cloud_is_capped_and_shared_by_the_poses_and_the_page_stays_small(mo
     assert len(most) < 3e6
     for count, each in ((4, DEFAULT_POINTS), (10, 10_000)):
         assert drawn_points(pages([ViewPose(at, errors[:, :30_000])] * count)) == [each] * count
+    # of 600,000 numbers: one for all ten poses, and two for each
+    space = pp.Space([pp.Draw("a", pp.Normal(1.0)), pp.Draw("b", pp.Normal(1.0), pp.Scope.VISIT)])
+    assert samples_that_fit(space, Groups(("a", "both"), ((0,), (0, 1))), 10) == 600_000 // 21
     # with as many points each as there are for the most poses: what each pose adds is small
     one = ViewPose(model.at(), model.at().exact(model.space.sample(1, 0, MOST_POINTS // MOST_POSES)))
     alone, several = (len(pages([one] * number)) for number in (1, 11))
@@ -747,6 +757,8 @@ def test_the_largest_contributors_have_a_slider_and_the_others_share_one(paper):
     (pose,) = data_block(text, "settings")["poses"]
     assert np.sum(pose["live"]["variances"]) == pytest.approx(np.trace(at.covariance[:3, :3]), rel=1e-6)
     assert sum(pose["shares"]) == pytest.approx(1, rel=1e-9)
+    # half an axis of an ellipsoid, by the number of directions in which the error varies
+    assert_allclose(pose["live"]["reach"], [scipy.stats.chi(k).ppf([0.95, 0.9973]) for k in (1, 2, 3)], rtol=1e-9)
     # errors of another seed follow no slider
     assert data_block(simple_page(at, errors, seed=2), "settings")["poses"][0]["live"] is None
 
