@@ -407,20 +407,20 @@ def without_gross_errors(whole: fitting.Problem, data: CalibrationData, *, has_p
     Readings are left out one at a time: the one with the largest residual in a fit without it, if too large for the rest.
     """
     limit, middle = stats.chi2.isf(_GROSS / len(data), whole.sizes), stats.chi2.median(whole.sizes)
-    used, found = whole, dict[int, float]()
+    found = dict[int, float]()
+    first = descent = fitting.Descent(whole, has_prior=has_prior)
     while True:
-        descent = fitting.Descent(used, has_prior=has_prior)
         best = descent.fit(_FEW_STEPS)
         kept = np.array([row for row in range(len(data)) if row not in found])
         distance = best.left_out.distance[kept]
         scale = max(1.0, float(np.median(distance / middle[kept])))
         worst = int(np.argmax(distance / limit[kept]))
         if distance[worst] <= limit[kept[worst]] * scale:
-            return used, descent.fit(), found
+            return descent.problem, descent.fit(), found
         if len(found) + 1 > _MOST_GROSS * len(data):
-            return whole, fitting.Descent(whole, has_prior=has_prior).fit(), {}
+            return whole, first.fit(), {}
         found[int(kept[worst])] = float(distance[worst])
-        used = whole.without(found)
+        descent = fitting.Descent(whole.without(found), has_prior=has_prior)
 
 
 def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
