@@ -22,7 +22,6 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +47,7 @@ LEVELS = (0.95, 0.9973)
 UPPER = np.triu_indices(6)
 TURNS = 3
 FLAT = 1e-14
-SHEET = Path(__file__).parents[1] / "robots" / "4dof.errors.yaml"
+SHEET = examples.PAPER_SHEET
 
 # UR5 in Denavit and Hartenberg's parameters, as its maker publishes them: a, d (m), α (rad)
 UR5 = (

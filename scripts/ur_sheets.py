@@ -4,7 +4,7 @@ Usage: python ur_sheets.py FOLDER [OUT]
 
 FOLDER has files as the ROS driver's ur_calibration writes them, TYPE-ANYTHING.yaml with TYPE such as ur5e, one for each robot.
 They are in public repositories, such as Jaron-G/ur10e_gripper, thinclab/ur3e_irl_project, pablotrelis/haptic_ur5e and others
-named in robots/ur3e.errors.yaml. OUT (this folder if left out) gets the URDFs, the sheets and the picture.
+named in src/precision_pin/robots/ur3e.errors.yaml. OUT (this folder if left out) gets the URDFs, the sheets and the picture.
 """
 
 import itertools

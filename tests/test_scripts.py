@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import zipfile
 from importlib import resources
 from pathlib import Path
 
@@ -175,7 +174,7 @@ def test_ur_sheets(tmp_path, capsys):
     text = (tmp_path / "out" / "ur3e.errors.yaml").read_text(encoding="utf-8")
     assert "factory calibrations of 3 UR3e, spread pooled over 6 UR robots" in text
     for name in robots:
-        assert (tmp_path / "out" / name).read_text() == text_of(f"robots/{name}")
+        assert (tmp_path / "out" / name).read_text() == text_of(f"src/precision_pin/robots/{name}")
 
 
 # set-up --------------------------------------------------------------------------------------------------------------
@@ -248,34 +247,19 @@ def test_the_robots_are_reachable_from_the_installed_package():
     assert resources.files("precision_pin").joinpath("py.typed").is_file()
 
 
-@pytest.mark.slow
-def test_the_wheel_holds_the_robots_and_every_module(tmp_path):
-    source = tmp_path / "source"
-    skipped = shutil.ignore_patterns("__pycache__", "*.pyc")
-    for name in ("src", "robots"):
-        shutil.copytree(ROOT / name, source / name, symlinks=True, ignore=skipped)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    words = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--wheel-dir", str(tmp_path), str(source)]
-    made = subprocess.run(words, capture_output=True, text=True, timeout=300)
-    if made.returncode and re.search("(?i)No matching distribution|connection|Temporary failure", made.stderr):
-        pytest.skip("the package index, from which the build tool comes, is not to be reached")
-    assert made.returncode == 0, made.stderr
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        names = set(archive.namelist())
-        for robot in (ROOT / "robots").iterdir():
-            assert archive.read(f"precision_pin/robots/{robot.name}") == robot.read_bytes()
-        points = next(name for name in names if name.endswith("entry_points.txt"))
-        assert "precision-pin = precision_pin.cli:main" in archive.read(points).decode()
+def test_the_package_has_no_links_which_a_source_distribution_would_drop():
     package = ROOT / "src" / "precision_pin"
-    files = {
-        f"precision_pin/{path.relative_to(package)}"
-        for path in package.rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
-    }
-    assert files <= names
-    assert not any(name.startswith(("tests", "scripts", "docs")) for name in names)
+    assert (package / "robots" / "4dof.errors.yaml").is_file()
+    assert [path for path in package.rglob("*") if path.is_symlink()] == []
+
+
+def test_the_tour_of_the_built_package_is_the_readmes_and_notices_other_words(tmp_path):
+    (tmp_path / "bin").mkdir()
+    for name in ("python", "precision-pin"):
+        (tmp_path / "bin" / name).symlink_to(shutil.which("echo"))
+    tour = runpy.run_path(str(ROOT / ".ci" / "package.py"))["tour"]
+    with pytest.raises(SystemExit, match=r"other words than\n4dof\.urdf: base to tool"):
+        tour(tmp_path, tmp_path / "desk")
 
 
 def test_the_lowest_versions_are_those_of_pyproject() -> None:

@@ -18,7 +18,7 @@ MEASURED: Final = {
 }
 """|d| of nine UR5s in mm, by pose: the tip by each arm's factory calibration less the tip by the nominal parameters.
 
-The nine calibrations are those that ``robots/ur5.errors.yaml`` lists.
+The nine calibrations are those that ``src/precision_pin/robots/ur5.errors.yaml`` lists.
 """
 
 SAMPLES: Final = 20_000

@@ -18,7 +18,7 @@ from typing import Final
 from docs.drawings.canvas import IMAGES
 
 PAGES: Final = IMAGES.parent
-ROBOTS: Final = PAGES.parent / "robots"
+ROBOTS: Final = PAGES.parent / "src" / "precision_pin" / "robots"
 
 PICTURES: Final = {
     "start-position.png": ("start.md", "analyze mine.errors.yaml --samples 20000", "position.png"),

@@ -95,7 +95,7 @@ def takes_long(page: str) -> bool:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
-    for path in (ROOT / "robots").glob("4dof.*"):
+    for path in (ROOT / "src" / "precision_pin" / "robots").glob("4dof.*"):
         shutil.copy(path, tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path

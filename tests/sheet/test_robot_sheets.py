@@ -7,6 +7,7 @@ sheets name: the calibrated less the nominal pose of the tip.
 import functools
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,10 @@ import pytest
 from scipy import stats
 
 import precision_pin as pp
+from precision_pin import cli
 from precision_pin.cli import inputs
 from precision_pin.draws.draw import Scope
+from precision_pin.robot import examples
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, shipped_sheet, shipped_sheets
 
 POSES = ("ready", "stretched", "folded")
@@ -62,6 +65,18 @@ def test_the_shipped_sheets_are_found():
     assert shipped_sheet("example:ur5") == PAPER_SHEET.with_name("ur5.errors.yaml")
     assert shipped_sheet("example:ur10") is None
     assert {path.stem for path in PAPER_SHEET.parent.glob("*.urdf")} == {"4dof", "ur3e", "ur5e", "ur10e"}
+    assert set(PAPER_SHEET.parent.glob("*.errors.yaml")) == set(shipped_sheets().values())
+
+
+def test_a_shipped_sheet_that_is_missing_is_an_internal_error_and_never_another_sheet(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(examples, "ROBOTS", tmp_path / "robots")
+    for words in ("analyze", "init example:ur5 --tip tool0", "analyze example:ur5"):
+        monkeypatch.setattr(sys, "argv", ["precision-pin", *words.split()])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        assert (end.value.code, list(tmp_path.iterdir())) == (3, [])
+        assert "installed without its sheet 4dof.errors.yaml" in capsys.readouterr().err
     assert shipped_sheet("ur5") is None
 
 

@@ -205,7 +205,7 @@ def test_text_without_findings_is_read_by_libyaml(monkeypatch):
 
 @pytest.mark.slow
 def test_libyaml_reads_what_the_pure_parser_reads(monkeypatch):
-    texts = [path.read_text() for path in Path("robots").glob("*.yaml")]
+    texts = [path.read_text() for path in Path("src/precision_pin/robots").glob("*.yaml")]
     texts += [sheet_of(3, number)[0].decode("utf-8", "replace") for number in range(60)]
     texts += [
         "a: {: 1}\n", "a: {b: 1, :c: d}\n", f"{'a' * 1030}: 1\n", "a:\tb\n", "- \tx: 1\n", "a: b\x85c: d\n", "a: 'b\u2028 c'\n",

@@ -18,7 +18,15 @@ from precision_pin.base.errors import Finding, InputError, OutputError
 from precision_pin.base.files import noted_inputs, require_writable, resolve, whole_folder, write_text
 from precision_pin.cli.options import Options, describe_excess
 from precision_pin.cli.terminal import echo_note, echo_warning_lines, echo_warnings
-from precision_pin.robot.examples import PAPER_SHEET, ROBOTS, resolve_robot, shipped_sheet, similar_file, starting_sheet
+from precision_pin.robot.examples import (
+    PAPER,
+    ROBOTS,
+    resolve_robot,
+    shipped_sheet,
+    shipped_sheets,
+    similar_file,
+    starting_sheet,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,7 +52,7 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     or, as ``example:NAME``, with the shipped one; stderr reports all but the first.
     """
     if not arguments:
-        return Inputs(None, PAPER_SHEET)
+        return Inputs(None, shipped_sheets()[PAPER])
     sheets = [text for text in arguments if Path(text).suffix.lower() in SHEET_SUFFIXES]
     robots = [text for text in arguments if text not in sheets]
     if len(robots) > 1 or len(sheets) > 1:

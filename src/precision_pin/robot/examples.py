@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from precision_pin.base.errors import InputError, UnknownNameError, one_line
+from precision_pin.base.errors import InputError, InternalError, UnknownNameError, one_line
 
 PREFIX: Final = "example:"
 DESCRIPTIONS: Final = "robot_descriptions:"
@@ -27,11 +27,14 @@ ELSEWHERE: Final = (PREFIX, DESCRIPTIONS)
 """Prefixes of robots of other packages, in place of a path."""
 _ENDING: Final = "_description"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"
+PAPER: Final = "4dof"
+SHIPPED: Final = (PAPER, "panda", "ur10e", "ur3e", "ur5", "ur5e", "xarm7")
+"""Short names of the robots that this package has a sheet for."""
 SUFFIX: Final = ".errors.yaml"
 ROBOT_SUFFIXES: Final = (".urdf", ".xml")
 XACRO_SUFFIX: Final = ".xacro"
 _EXAMPLES: Final = f"{os.sep}example-robot-data{os.sep}"
-PAPER_SHEET: Final = ROBOTS / f"4dof{SUFFIX}"
+PAPER_SHEET: Final = ROBOTS / f"{PAPER}{SUFFIX}"
 """The sheet of the paper's arm."""
 
 
@@ -150,8 +153,14 @@ def starting_sheet(robot: Path) -> str:
 
 
 def shipped_sheets() -> dict[str, Path]:
-    """Return the sheets of this package by the short name of their robot (``4dof``, ``ur5``, …)."""
-    return {path.name.removesuffix(SUFFIX): path for path in sorted(ROBOTS.glob(f"*{SUFFIX}"))}
+    """Return the sheets of this package by the short name of their robot (``4dof``, ``ur5``, …).
+
+    Raises `InternalError` if one is missing: another sheet would answer for another robot.
+    """
+    sheets = {name: ROBOTS / f"{name}{SUFFIX}" for name in SHIPPED}
+    if missing := [path.name for path in sheets.values() if not path.is_file()]:
+        raise InternalError(f"precision-pin is installed without its sheet {missing[0]}; reinstall it")
+    return sheets
 
 
 def shipped_sheet(text: str) -> Path | None:

@@ -35,7 +35,7 @@ def pose(xyz=(0, 0, 0), rpy=(0, 0, 0)) -> np.ndarray:
 
 
 def paper_arm() -> StandIn:
-    """Return the chain of robots/4dof.urdf: the paper's arm (Table 1), all axes z, base at the foot of a_1."""
+    """Return the chain of 4dof.urdf: the paper's arm (Table 1), all axes z, base at the foot of a_1."""
     placements = [
         pose(),
         pose((0, 0, 0.085), (-np.pi / 2, 0, 0)),
