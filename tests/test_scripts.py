@@ -26,7 +26,8 @@ from precision_pin.robot.urdf.reader import mended
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = ROOT / "scripts"
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = PYPROJECT["project"]
 
 
 def text_of(name: str) -> str:
@@ -204,12 +205,10 @@ def test_the_continuous_integration_runs_the_readmes_test_command_as_it_stands()
         assert words in text
 
 
-def test_contributing_names_the_targets_of_the_makefile_and_hooks_fetch_nothing():
-    targets = re.findall(r"^(\w+):", text_of("Makefile"), re.MULTILINE)
-    assert sorted(re.findall(r"`make (\w+)`", text_of("CONTRIBUTING.md"))) == sorted(targets)
-    hooks = text_of(".pre-commit-config.yaml")
-    assert re.findall(r"repo: (\S+)", hooks) == ["local"]
-    assert set(re.findall(r"language: (\w+)", hooks)) == {"system"}
+def test_contributing_names_the_sessions_of_nox_and_hooks_have_the_locked_ruff():
+    sessions = re.findall(r"^@nox\.session.*\ndef (\w+)", text_of("noxfile.py"), re.MULTILINE)
+    assert sorted(re.findall(r"`nox -s (\w+)`", text_of("CONTRIBUTING.md"))) == sorted(sessions)
+    assert f"rev: v{locked('requirements-dev.lock')['ruff']}\n" in text_of(".pre-commit-config.yaml")
 
 
 def locked(name: str) -> dict[str, str]:
@@ -224,16 +223,19 @@ def locked(name: str) -> dict[str, str]:
 
 
 def declared() -> dict[str, list[Requirement]]:
-    """Return what the package needs, and under its own name what its extras do."""
-    extras = PROJECT["optional-dependencies"]
-    return {name: [*map(Requirement, listed)] for name, listed in {"": PROJECT["dependencies"], **extras}.items()}
+    """Return what the package needs, and under their names what its extras and dependency groups do."""
+    groups = {
+        name: [one for one in listed if isinstance(one, str)] for name, listed in PYPROJECT["dependency-groups"].items()
+    }
+    listed = {"": PROJECT["dependencies"]} | PROJECT["optional-dependencies"] | groups
+    return {name: [*map(Requirement, texts)] for name, texts in listed.items()}
 
 
 def test_the_locks_hold_every_dependency_and_agree():
     run_time, tests = locked("requirements.lock"), locked("requirements-dev.lock")
     names = {extra: {canonicalize_name(one.name) for one in listed} for extra, listed in declared().items()}
     assert names[""] <= set(run_time)
-    assert (names["dev"] | names["xarray"]) - {"precision-pin"} <= set(tests)
+    assert set().union(*names.values()) - {"precision-pin"} <= set(tests)
     assert {name: tests.get(name) for name in run_time} == run_time
 
 
