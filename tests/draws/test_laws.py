@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,29 @@ def test_empirical_samples_are_hazen_s_quantiles() -> None:
         np.testing.assert_array_equal(law.measured[:, 0], np.sort(samples))
     for open_ended in ((0.0, 1.0, 2.0, 2.0), (1.0, 1.0, 2.0, 3.0)):
         assert Empirical(tuple(zip((0.0, 0.25, 0.75, 1.0), open_ended, strict=True))).measured is None
+
+
+def test_how_much_too_narrow_few_samples_are_is_as_the_sheets_page_says() -> None:
+    """Of n samples ``(n-1)/n``; on lines between them less ``E Σ gap²/6n``, with gaps of order statistics by quadrature."""
+    page = (Path(__file__).parents[2] / "docs" / "sheet.md").read_text(encoding="utf-8")
+    rows = [
+        line.strip("|").split("|")
+        for line in page.splitlines()
+        if line.startswith(("| samples n", "| σ of", "| true σ"))
+    ]
+    counts, *printed = ([float(cell) for cell in row[1:]] for row in rows)
+    x = np.linspace(-7.0, 7.0, 501)
+    below, above, computed = stats.norm.cdf(x)[:, None], stats.norm.sf(x), []
+    for n in map(int, counts):
+        inside = np.triu((below + above) ** n - below**n - above**n)
+        gaps = (2 * inside.sum() - np.trace(inside)) * (x[1] - x[0]) ** 2
+        narrow = [math.sqrt((n - 1) / n - lost) for lost in (0.0, gaps / 6 / n)]
+        computed.append([*narrow, math.sqrt((n - 1) / stats.chi2.ppf(0.05, n - 1))])
+    for row, values, digits in zip(printed, zip(*computed, strict=True), (2, 2, 1), strict=True):
+        assert row == [round(value, digits) for value in values]
+    samples = np.random.default_rng(1).normal(size=7)
+    expected = samples.var() - np.square(np.diff(np.sort(samples))).sum() / 42
+    assert Empirical.from_samples(samples).covariance[0, 0] == pytest.approx(expected, rel=1e-14)
 
 
 # ---- moments and characteristic functions ----

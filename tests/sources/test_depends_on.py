@@ -103,9 +103,9 @@ def test_what_measured_rows_say_is_true(tmp_path):
 
 @pytest.mark.parametrize(
     ("pads_on", "base", "alike"),
-    [("child", "base", False), ("parent", "base", True), ("child", "tool", True), ("parent", "tool", False)],
+    [("child", "base", False), ("parent", "base", True), ("child", "tool", False), ("parent", "tool", True)],
 )
-def test_pads_travel_with_the_link_that_does_not_carry_the_seat(pads_on, base, alike):
+def test_pads_on_the_child_link_travel_along_the_seat_which_is_on_the_parent_link(pads_on, base, alike):
     source = sources.Clearance(**PLAY | {"joint": "joint4"}, direction="random", pads_on=pads_on)
     chain = next(chain for chain in ARMS.values() if chain.base == base)
     spread = {tuple(term.twist.tolist()) for slide in (-0.2, 0.3) for term in terms_at(source, chain, slide)}

@@ -442,12 +442,14 @@ def _beams(chain: Chain) -> Lines:
     torsion = float(f"{_ALUMINIUM[1] * (2 * second_moment):.0e}")
     text = (
         f"Flexibility of the links: left out. Filled in as aluminium tubes of {diameter * 1e3:g} mm mean diameter and "
-        f"{wall * 1e3:.3g} mm wall (E 70 GPa, G 26 GPa: EI = E pi/8 d^3 t, GI = G pi/4 d^3 t), to be put right first."
+        f"{wall * 1e3:.3g} mm wall (E 70 GPa, G 26 GPa: EI = E pi/8 d^3 t, GI = G pi/4 d^3 t), to be put right first. "
+        "Where a joint slides along a link, the beam ends at its carriage; a bridge needs supports: both and span: too."
     )
     lines = _comment(text, "  # ")
     names = {frame.link: name for name, frame in chain.link_frames.items() if frame.is_own}
     for link, placement in enumerate(chain.placements):
-        if np.linalg.norm(placement[:3, 3]) < SHORTEST:
+        is_rail = link < len(chain.joints) and chain.prismatic[link] and not chain.reversed_joints[link]
+        if np.linalg.norm(placement[:3, 3]) < SHORTEST and not is_rail:
             continue
         laws_text = ", ".join(
             f"{name}: {{uniform: {_short(0.1 * value)} N*m^2, mean: {_short(value)} N*m^2}}"

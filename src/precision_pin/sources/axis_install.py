@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from precision_pin.draws.laws import Disc
-from precision_pin.sources.places import seat_axes
-from precision_pin.terms import Dependence, Draw, InputError, LabelledSpace, Place, Posture, Scope, Source, Term, units
+from precision_pin.sources.places import seat_of
+from precision_pin.terms import Dependence, Draw, InputError, LabelledSpace, Posture, Scope, Source, Term, units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,10 +58,7 @@ class AxisInstall(Source):
         """Yield a term for each coordinate of A and B."""
         chain = posture.chain
         joint = chain.joint_index(self.joint)
-        axes, place = seat_axes(chain, joint), chain.seat(joint)
-        if chain.reversed_joints[joint]:
-            # the frame before the motion lies beyond the joint; the link with that frame is displaced
-            place, axes = Place.start(joint + 1, f"seat of {self.joint}"), -axes
+        place, axes = seat_of(chain, joint)
         crossing = self.start / self.span
         for point, share, sign in (("A", 1 + crossing, -1.0), ("B", -crossing, 1.0)):
             slope = sign / self.span

@@ -11,17 +11,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import se3, units
+from precision_pin.base.arguments import check_choice
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.se3 import rotation_about
 from precision_pin.draws.expressions import Expression, Value
-from precision_pin.sources.places import block_diagonal, in_axes
+from precision_pin.sources.places import PadsOn, block_diagonal, in_axes
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
-from precision_pin.terms import Array, Chain, Factors, LabelledSpace, Load, Posture, Setting, Source, Term
+from precision_pin.terms import Array, Chain, Factors, LabelledSpace, Load, Place, Posture, Setting, Source, Term
+from precision_pin.terms.term import at_means
 
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""
 _NO_LENGTH: Final = 1e-9
 """Fraction of the beam's length up to which a stretch counts as a point."""
+_ASIDE: Final = 0.1
+"""Sine of the angle up to which a joint counts as sliding along the link."""
+_FIRST_ORDER: Final = 0.005
+"""Largest share of the buckling load at which a beam with a carriage bends to first order under equilibrium statics."""
+_BACK: Final = np.array([-1.0, -1.0, 1.0])
+"""Factors of the axes that turn them about z, so that x points back."""
 _FORCE: Final = np.repeat([1.0, 0.0], 3)
 _MOMENT: Final = np.repeat([0.0, 1.0], 3)
 """Masks of force and moment in a wrench ``[F; M]``."""
@@ -36,7 +44,7 @@ class OnLink(Source):
 
 @dataclass(frozen=True, kw_only=True)
 class Beam(Profile, OnLink):
-    """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip).
+    """Flexibility of a link: a cantilever from its joint's origin to the next joint's (or the tip), or to a carriage.
 
     x runs along the link; z is its joint's axis made normal to x (if parallel: the next joint's axis, then the link's
     y); y = z × x; ``roll`` turns y and z about x. If the base is beyond the link, clamp and free end swap, but x, y, z
@@ -48,7 +56,18 @@ class Beam(Profile, OnLink):
     loads beyond its start and carries the rest along. With ``statics: equilibrium`` the bending is of second order:
     loads act where the beam's shape, a cubic, has moved them, its sections bend about turned axes, and bending shortens
     it. The beam then buckles as a column, at 1.0075 times Euler's load; with segments later, at 1.05 times if one half
-    has a quarter of the other's rigidity. Source: section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z
+    has a quarter of the other's rigidity.
+
+    If the carriage of a sliding joint travels along the link, x is the joint's axis through the link's start, and the
+    beam ends where the joint value puts the carriage; what lies aside of the beam is rigid. The axis counts as along the
+    link within 6° of the line from the link's start to the joint's origin, at any angle if supports, start or span are
+    given. With ``supports: both`` w, and φ about x, are zero at both ends, the slopes are free and u is held at the
+    first: at a, with b = span - a, ``w_y = F_y a²b²/3EI_z L + M_z ab(b - a)/3EI_z L``, ``θ_z = F_y ab(b - a)/3EI_z L + M_z
+    (a² - ab + b²)/3EI_z L``, ``φ = M_x ab/GI L`` (Gere and Timoshenko, Mechanics of Materials). The link's own body is
+    spread over the span or, without one, from the first support as far beyond its centre of mass. Such beams bend to
+    first order on the deflected arm too, and are refused there if a load along them exceeds 0.5 % of the buckling load.
+
+    Source: section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z
     before θ_y and gives EI and GI in N·m/rad; here they are rigidities in N·m², and stiffnesses of the whole link in
     N·m/rad are separate settings (``EI = k l``). Sections: :mod:`precision_pin.sources.profiles`.
 
@@ -80,10 +99,17 @@ class Beam(Profile, OnLink):
             beam, that of a body bolted to it evenly about its centre of mass, as far as its own part reaches on both
             sides. ``centre``: each mass acts at the projection of its centre of mass, with the moment of the offset.
             ``section``: density × area in place of the own body's mass, the others as ``uniform``.
+        supports: Which ends are held: the ``start``, or ``both``, a bridge.
+        start: Position of the first support along x from the held end of the link: its start, or with ``pads_on: parent``
+            its end.
+        span: Length of the beam, the distance of two supports. Segments fill it.
+        pads_on: For a sliding joint: the link that the pads are fixed to, ``child`` (a carriage, which travels along the
+            beam) or ``parent`` (fixed guides, along which the beam itself travels: a ram, held at its end).
 
     Raises:
         InputError: No stiffness, a stiffness given twice, settings that do not define a section, a link without length,
-            segments whose lengths do not add up to it, or two sources that give a link its weight by section.
+            segments whose lengths do not add up to it, two sources that give a link its weight by section, a carriage
+            beyond the beam, or two carriages on it.
     """
 
     takes_many: ClassVar[bool] = True
@@ -94,9 +120,21 @@ class Beam(Profile, OnLink):
     axial_stiffness: Annotated[Setting | None, units.LINEAR_STIFFNESS] = None
     roll: Annotated[float, units.ANGLE] = 0.0
     self_weight: Literal["uniform", "centre", "section"] = "uniform"
+    supports: Literal["start", "both"] | None = None
+    start: Annotated[float, units.LENGTH] = 0.0
+    span: Annotated[float | None, units.LENGTH] = None
+    pads_on: PadsOn = "child"
 
     def __post_init__(self) -> None:
         at_end = self.given("bending_stiffness", "torsion_stiffness", "axial_stiffness")
+        if self.self_weight not in ("uniform", "centre", "section"):
+            raise UnknownNameError("self_weight", self.self_weight, ("uniform", "centre", "section"))
+        check_choice("supports of beam", self.supports or "start", ("start", "both"))
+        check_choice("pads_on of beam", self.pads_on, ("child", "parent"))
+        if self.span is not None and not self.span > 0:
+            raise InputError(f"the span of beam must be positive, got {self.span} m")
+        if self.supports == "both" and (self.span is None or self.segments):
+            raise InputError("supports: both of beam needs span:, the distance of the two supports, and no segments:")
         if at_end and (self.section is not None or self.segments):
             raise InputError(f"beam needs either section: or segments:, or {at_end[0]}:")
         if self.bending_stiffness is not None and self.given("EI", "EI_y", "EI_z"):
@@ -108,8 +146,6 @@ class Beam(Profile, OnLink):
             value = getattr(self, name)
             if isinstance(value, float | int) and not value > 0:
                 raise InputError(f"{name} of a beam must be positive, got {value}")
-        if self.self_weight not in ("uniform", "centre", "section"):
-            raise UnknownNameError("self_weight", self.self_weight, ("uniform", "centre", "section"))
         for part in stretches(self, self.segments):
             part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
 
@@ -118,47 +154,48 @@ class Beam(Profile, OnLink):
         if self.self_weight != "section":
             return
         chain = posture.chain
-        link = chain.link_frame(self.link).link
-        for load in _along(chain.loads, link):
+        line = _Line.of(self, chain)
+        for load in _along(chain.loads, line.link):
             yield dataclasses.replace(load, moments=tuple((-moment, factors) for moment, factors in load.moments))
-        for _, _, load in self._weights(chain, space, link):
+        for _, _, load in self._weights(line, space):
             yield load
+
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return whether no carriage travels on the beam."""
+        return _Line.of(self, chain).is_link
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each stiffness and each group of loads with the same random factors."""
-        chain = posture.chain
-        link = chain.link_frame(self.link).link
-        place = chain.end(link)
-        axes = beam_axes(chain, link, self.roll)
-        length = float(np.linalg.norm(place.frame[:3, 3]))
-        turn = block_diagonal(place.frame[:3, :3].T @ axes)
-        shape = BentShape.of(posture, link, axes)
-        beam_loads = list(self._beam_loads(posture, space, link, length, axes, shape))
+        line = _Line.of(self, posture.chain, posture.q)
+        shape = BentShape.of(posture, line.link, line.axes) if line.is_link else None
+        beam_loads = list(self._beam_loads(posture, space, line, shape))
         if shape is not None:
-            yield Term.of(place, turn @ shape.second_order, loaded=True)
-        for start, stop, part in self._parts(length, chain.runs_backwards(link)):
+            yield Term.of(line.place, line.to_place @ shape.second_order, loaded=True)
+        for start, stop, part in self._parts(line):
             acting = [
                 (beam_load, beam_load.on_shape(shape, start, stop))
                 for beam_load in beam_loads
-                if beam_load.stop > start
+                if beam_load.stop > start or not line.is_link
             ]
-            for stiffness, rows in self._stiffnesses(part, space, length):
+            for stiffness, rows in self._stiffnesses(part, space, line.reach):
                 flexibility = 1.0 / stiffness
+                if posture.deflection is not None and not line.is_link and rows[-1] > 3:
+                    line.check_load_along(beam_loads, flexibility, space)
                 total: dict[Factors, Array] = {}
                 for beam_load, on_shape in acting:
-                    displacement = beam_load.displacement(start, stop, length, rows)
+                    displacement = line.displacement(beam_load, start, stop, rows)
                     if on_shape is not None:
                         displacement = displacement + on_shape[list(rows)].sum(axis=0)
                     known = total.get(beam_load.factors)
                     total[beam_load.factors] = displacement if known is None else known + displacement
                 for factors, displacement in total.items():
-                    yield Term.of(place, turn @ displacement, *factors, flexibility, loaded=True)
+                    yield Term.of(line.place, line.to_place @ displacement, *factors, flexibility, loaded=True)
 
-    def _parts(self, length: float, backwards: bool) -> Iterator[tuple[float, float, Stretch]]:
-        """Yield start, end (m along the beam) and settings of each part from the clamp, reversed if ``backwards``."""
-        cuts, parts = (0.0, *ends(self.segments, length)), stretches(self, self.segments)
-        if backwards:
-            cuts, parts = tuple(length - cut for cut in reversed(cuts)), parts[::-1]
+    def _parts(self, line: _Line) -> Iterator[tuple[float, float, Stretch]]:
+        """Yield start, end (m along the beam) and settings of each part from the first support on."""
+        cuts, parts = (0.0, *ends(self.segments, line.span)), stretches(self, self.segments)
+        if line.is_backwards and self.segments:
+            cuts, parts = tuple(line.span - cut for cut in reversed(cuts)), parts[::-1]
         return zip(cuts[:-1], cuts[1:], parts, strict=True)
 
     def _stiffnesses(
@@ -181,29 +218,30 @@ class Beam(Profile, OnLink):
             if name in values:
                 yield (values[name] if factor == 1.0 else values[name] * factor), rows
 
-    def _weights(self, chain: Chain, space: LabelledSpace, link: int) -> Iterator[tuple[float, float, Load]]:
-        axes = beam_axes(chain, link)
-        length = float(np.linalg.norm(chain.placements[link][:3, 3]))
-        for start, stop, part in self._parts(length, chain.runs_backwards(link)):
-            centre = axes[:, 0] * ((start + stop) / 2)
+    def _weights(self, line: _Line, space: LabelledSpace) -> Iterator[tuple[float, float, Load]]:
+        for start, stop, part in self._parts(line):
+            centre = line.origin + line.axes[:, 0] * ((start + stop) / 2)
             mass = part.mass_per_length(space) * (stop - start)
             factors, scale = ((mass,), 1.0) if isinstance(mass, Expression) else ((), mass)
             moments = ((scale * np.array([1.0, *centre]), factors),)
-            yield start, stop, Load(link, np.eye(4), centre, along=True, moments=moments)
+            yield start, stop, Load(line.link, np.eye(4), centre, along=True, moments=moments)
 
     def _beam_loads(
-        self, posture: Posture, space: LabelledSpace, link: int, length: float, axes: Array, shape: BentShape | None
+        self, posture: Posture, space: LabelledSpace, line: _Line, shape: BentShape | None
     ) -> Iterator[_BeamLoad]:
-        chain, base = posture.chain, posture.loaded_link_poses[link]
+        end, axes, link = line.end_in_base(posture), line.axes, line.link
+        base = posture.loaded_link_poses[link]
 
         def beam_loads(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_BeamLoad]:
             for factors, wrench in posture.wrench_on(loads, point).items():
                 yield _BeamLoad(start, stop, in_axes(base[:3, :3], axes, wrench), factors)
 
         def attached_loads(load: Load) -> Iterator[_BeamLoad]:
-            reach = float(axes[:, 0] @ load.attachment)
-            half_spread = 0.0 if self.self_weight == "centre" else _half_spread(load, reach, axes[:, 0], length)
-            point = axes[:, 0] * reach
+            reach = float(axes[:, 0] @ (load.attachment - line.origin))
+            start, stop = line.stretch(load)
+            room = 0.0 if self.self_weight == "centre" else min(reach - start, stop - reach)
+            half_spread = room if room > _NO_LENGTH * line.reach else 0.0
+            point = line.origin + axes[:, 0] * reach
             if shape is not None:
                 # a body bolted to a bent beam moves and turns with it
                 moved = block_diagonal(axes) @ shape.displacement(reach)
@@ -217,26 +255,32 @@ class Beam(Profile, OnLink):
                     yield dataclasses.replace(beam_load, wrench=moment)
                     yield _BeamLoad(reach - half_spread, reach + half_spread, force, beam_load.factors)
 
-        end = posture.loaded_ends[link][:3, 3]
-        yield from beam_loads([load for load in posture.loads if load.link > link], end, length, length)
-        own = _along(posture.loads, link)
-        match self.self_weight:
-            case "uniform":
-                for load in own:
-                    start, stop = _stretch(load, axes[:, 0], length)
-                    yield from beam_loads([load], end, start, stop) if stop > start else attached_loads(load)
-            case "centre":
-                for load in own:
+        def on_link() -> Iterator[_BeamLoad]:
+            own = _along(posture.loads, link)
+            match self.self_weight:
+                case "uniform":
+                    for load in own:
+                        start, stop = line.stretch(load)
+                        yield from beam_loads([load], end, start, stop) if stop > start else attached_loads(load)
+                case "centre":
+                    for load in own:
+                        yield from attached_loads(load)
+                case "section":
+                    weights = list(self._weights(line, space))
+                    if len(own) != 2 * len(_along(posture.chain.loads, link)) + len(weights):
+                        raise InputError(f"two beams give the link of {self.link!r} its weight by section")
+                    for start, stop, load in weights:
+                        yield from beam_loads([load], end, start, stop)
+            for load in posture.loads:
+                if load.link == link and not load.along:
                     yield from attached_loads(load)
-            case "section":
-                weights = list(self._weights(chain, space, link))
-                if len(own) != 2 * len(_along(chain.loads, link)) + len(weights):
-                    raise InputError(f"two beams give the link of {self.link!r} its weight by section")
-                for start, stop, load in weights:
-                    yield from beam_loads([load], end, start, stop)
-        for load in posture.loads:
-            if load.link == link and not load.along:
-                yield from attached_loads(load)
+
+        yield from beam_loads([load for load in posture.loads if load.link > link], end, line.reach, line.reach)
+        for beam_load in on_link():
+            yield beam_load if line.is_far else dataclasses.replace(beam_load, wrench=-beam_load.wrench)
+            if not line.is_far:
+                # seen from the supports, what holds the point on the side of the base pushes it
+                yield beam_load.moved_to(line.reach)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,10 +297,17 @@ class _BeamLoad:
     wrench: Array
     factors: Factors
 
+    def moved_to(self, reach: float) -> _BeamLoad:
+        """Return the load at another point that holds a rigid beam in the same way."""
+        wrench = self.wrench * _FORCE if self.stop > self.start else self.wrench
+        return _BeamLoad(reach, reach, _lever((self.start + self.stop) / 2 - reach).T @ wrench, self.factors)
+
     def displacement(self, start: float, stop: float, length: float, rows: tuple[int, ...]) -> Array:
-        """Return the displacement of the beam's end by bending of one part, with unit stiffness in the given rows."""
+        """Return a cantilever's displacement at ``length`` by bending of one part, with unit stiffness in the given rows."""
         bent = np.zeros((6, 6))
-        spread = self.stop - self.start
+        spread, stop = self.stop - self.start, min(stop, length)
+        if start >= min(stop, self.stop):
+            return np.zeros_like(self.wrench)
         if spread == 0.0:
             # a load beyond the part acts through the part's end
             reach = min(self.stop, stop)
@@ -284,6 +335,134 @@ class _BeamLoad:
         return result
 
 
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """The line of a beam, x from its first support on, with the point whose displacement counts: its end, or a carriage.
+
+    Attributes:
+        link: Number of the chain link.
+        origin, axes: First support ``(3,)``, and axes of the beam as columns ``(3, 3)``, link's axes.
+        reach, span: Distance of the point from the first support, and length of the beam, infinite if not known, m.
+        offset: From the point to the origin of the place, link's axes, ``(3,)``.
+        place, to_place: The place displaced, and the matrix ``(6, 6)`` from the displacement of the point, beam axes.
+        is_link: Whether it is a cantilever from the link's start to its end, at all joint values.
+        is_far: Whether the point is on the side of the tip; if not, its supports are.
+        is_backwards: Whether the file begins the beam at its other end.
+        both: Whether both its ends are held.
+    """
+
+    link: int
+    origin: Array
+    axes: Array
+    reach: float
+    span: float
+    offset: Array
+    place: Place
+    to_place: Array
+    is_link: bool
+    is_far: bool
+    is_backwards: bool
+    both: bool
+
+    @classmethod
+    def of(cls, beam: Beam, chain: Chain, q: Array | None = None) -> _Line:
+        """Return the line of a beam at joint values; without them at zero, whether on the beam or not.
+
+        Raises:
+            InputError: The link has no length, two joints slide along it, the carriage is not on the beam, or a setting is
+                missing or not for a beam with a carriage.
+        """
+        link = chain.link_frame(beam.link).link
+        place, backwards = chain.end(link), chain.runs_backwards(link)
+        end, turn = place.frame[:3, 3], place.frame[:3, :3]
+        length = float(np.linalg.norm(end))
+        slides = []
+        for joint in range(max(link - 1, 0), min(link + 1, len(chain.joints))):
+            # a carriage travels on the link before the joint if its pads are on the link after it
+            travels = ((beam.pads_on == "child") is bool(chain.reversed_joints[joint])) is (joint < link)
+            way = turn @ chain.axes[joint] if joint == link else -chain.axes[joint]
+            is_along = (
+                beam.supports
+                or beam.span
+                or beam.start
+                or np.linalg.norm(np.cross(end, way)) <= _ASIDE * length + _NO_LENGTH
+            )
+            if chain.prismatic[joint] and travels and is_along:
+                slides.append((joint, way))
+        if len(slides) > 1:
+            raise InputError(f"{beam.label()}: two carriages slide along the link, so neither of its ends is held")
+        both = beam.supports == "both"
+        is_link = not (slides or both or beam.span is not None or beam.start)
+        is_far = is_link or (slides[0][0] == link if slides else not backwards)
+        held, carried = (np.zeros(3), end) if is_far else (end, np.zeros(3))
+        x = None
+        for joint, way in slides:
+            x, carried = (way if is_far else -way), carried + way * (0.0 if q is None else float(q[joint]))
+            place = Place.start(joint + 1, f"seat of {chain.joint_names[joint]}") if is_far else chain.seat(joint)
+        axes = beam_axes(chain, link, beam.roll, x) * (1.0 if is_far else _BACK)
+        origin = held + beam.start * axes[:, 0]
+        reach = float((carried - origin) @ axes[:, 0]) if slides else length - beam.start
+        span = beam.span or (reach if is_link else np.inf)
+        if beam.span is None and reach < 0:
+            axes, reach = axes * _BACK, -reach
+        if not is_link and beam.given("bending_stiffness", "torsion_stiffness", "axial_stiffness"):
+            raise InputError(f"{beam.label()}: the link's stiffnesses change with its length: give EI:, GI: and EA:")
+        if not is_link and beam.span is None and (beam.segments or beam.self_weight == "section"):
+            raise InputError(f"{beam.label()}: segments: and self_weight: section need span:, the length of the beam")
+        if q is not None and not is_link and not 0 <= round(reach, 12) <= span:
+            raise InputError(
+                f"{beam.label()}: what it carries is at {reach:.6g} m, beyond its ends at 0 and {span:g} m"
+            )
+        offset = np.zeros(3) if is_link else (carried if slides else end) - origin - reach * axes[:, 0]
+        shift = np.eye(6)
+        shift[:3, 3:] = -se3.skew(axes.T @ offset)
+        to_place = block_diagonal((np.eye(3) if slides and not is_far else turn.T) @ axes) @ shift
+        return cls(link, origin, axes, reach, span, offset, place, to_place, is_link, is_far, is_far is backwards, both)
+
+    def end_in_base(self, posture: Posture) -> Array:
+        """Return the point in the base, ``(3[, P])``, on the arm on which the loads act."""
+        carriers = posture.loaded_link_poses if self.place.is_start else posture.loaded_ends
+        return carriers[self.place.link][:3, 3] - se3.turn(posture.loaded_link_poses[self.link][:3, :3], self.offset)
+
+    def stretch(self, load: Load) -> tuple[float, float]:
+        """Return the ends (m along the beam) of a weight's stretch, equal if it has no length."""
+        if load.along and not self.is_link:
+            reach = float(self.axes[:, 0] @ (load.attachment - self.origin))
+            return 0.0, self.span if np.isfinite(self.span) else 2 * max(reach, 0.0)
+        if load.stretch is None:
+            return (0.0, self.span) if load.along else (0.0, 0.0)
+        along = (load.stretch - self.origin) @ self.axes[:, 0]
+        start, stop = sorted(float(min(max(reach, 0.0), self.span)) for reach in along)
+        return (start, stop) if stop - start > _NO_LENGTH * self.reach else (start, start)
+
+    def displacement(self, load: _BeamLoad, start: float, stop: float, rows: tuple[int, ...]) -> Array:
+        """Return the point's displacement by bending of one part, with unit stiffness in the given rows."""
+        if not self.both:
+            return load.displacement(start, stop, self.reach, rows)
+        # the second support pushes the cantilever's end, and turns all about the first one until it is at rest there
+        _, _, _, m_x, m_y, m_z = load.moved_to(0.0).wrench
+        share = m_x * (load.start + load.stop) / 2
+        held = _BeamLoad(self.span, self.span, np.array([0, -m_z, m_y, -share, 0, 0]) / self.span, load.factors)
+
+        def at(reach: float) -> Array:
+            return sum((one.displacement(start, stop, reach, rows) for one in (load, held)), np.zeros(6))
+
+        here, there = at(self.reach), at(self.span)
+        return here - _lever(self.reach) @ np.array([0, 0, 0, 0, -there[2], there[1]]) / self.span
+
+    def check_load_along(self, loads: Iterable[_BeamLoad], flexibility: Value, space: LabelledSpace) -> None:
+        """Raise InputError if the load along the beam is too near its buckling load for bending of first order."""
+        factors, one = ((flexibility,), 1.0) if isinstance(flexibility, Expression) else ((), flexibility)
+        along = ({(*load.factors, *factors): one * float(load.wrench[0])} for load in loads)
+        share = abs(sum(float(at_means(force, space.space)) for force in along))
+        share *= ((self.span if self.both else 2 * self.reach) / np.pi) ** 2
+        if share > _FIRST_ORDER:
+            raise InputError(
+                f"{space.label}: the load along it is {share:.2g} of its buckling load; statics: equilibrium allows "
+                f"{_FIRST_ORDER:g} where a carriage travels or both ends are held"
+            )
+
+
 def _lever(reach: float) -> Array:
     """Return the matrix that moves a displacement ``reach`` (m) along x; its transpose moves a wrench back."""
     result = np.eye(6)
@@ -293,21 +472,6 @@ def _lever(reach: float) -> Array:
 
 def _along(loads: Iterable[Load], link: int) -> list[Load]:
     return [load for load in loads if load.link == link and load.along]
-
-
-def _stretch(load: Load, x: Array, length: float) -> tuple[float, float]:
-    """Return the ends (m along the beam) of a weight's stretch, equal if it has no length."""
-    if load.stretch is None:
-        return (0.0, length) if load.along else (0.0, 0.0)
-    start, stop = sorted(float(min(max(reach, 0.0), length)) for reach in load.stretch @ x)
-    return (start, stop) if stop - start > _NO_LENGTH * length else (start, start)
-
-
-def _half_spread(load: Load, reach: float, x: Array, length: float) -> float:
-    """Return how far (m) a weight's stretch of the beam reaches on both sides of its centre at ``reach``."""
-    start, stop = _stretch(load, x, length)
-    half_spread = min(reach - start, stop - reach)
-    return half_spread if half_spread > _NO_LENGTH * length else 0.0
 
 
 def point_flexibility(length: float, reach: float) -> Array:
@@ -353,29 +517,32 @@ def stretch_flexibility(length: float, start: float, stop: float) -> Array:
     return result
 
 
-def beam_axes(chain: Chain, link: int, roll: float = 0.0) -> Array:
+def beam_axes(chain: Chain, link: int, roll: float = 0.0, x: Array | None = None) -> Array:
     """Return the axes x, y, z of a chain link as a beam, as columns in the link's own axes, ``(3, 3)``.
 
-    Raises InputError if the link has no length.
+    ``x``, a unit vector, is by default the direction of the link's end. Raises InputError if the link has no length.
     """
-    far_end = chain.placements[link]
-    length = float(np.linalg.norm(far_end[:3, 3]))
-    if length == 0:
-        raise InputError(f"chain link {link} ({chain.end(link).name}) has no length, so it cannot bend")
-    x = far_end[:3, 3] / length
+    far_end, backwards = chain.placements[link], chain.runs_backwards(link)
+    if x is None:
+        length = float(np.linalg.norm(far_end[:3, 3]))
+        if length == 0:
+            raise InputError(
+                f"chain link {link} ({chain.end(link).name}) has no length, so it cannot bend; name the link: on the other "
+                "side of the joint, or the one that carries the rail of a sliding joint (pads_on: child) or slides (parent)"
+            )
+        x = far_end[:3, 3] / length
     ends = []
     if link > 0:
         ends.append(chain.written_axes[link - 1])
     if link < len(chain.joints):
         ends.append(far_end[:3, :3] @ chain.written_axes[link])
-    backwards = chain.runs_backwards(link)
     # if the file begins the link at the far end, the joint and axes of that end count, and x points back
     own_axes, x = (far_end[:3, :3], -x) if backwards else (np.eye(3), x)
     candidates = [*(reversed(ends) if backwards else ends), own_axes[:, 1], own_axes[:, 2]]
     z = next(normal for normal in (axis - x * (x @ axis) for axis in candidates) if np.linalg.norm(normal) > _PARALLEL)
     z = z / np.linalg.norm(z)
     axes: Array = np.array([x, np.cross(z, x), z]).T @ rotation_about((1, 0, 0), roll)
-    return axes * [-1.0, -1.0, 1.0] if backwards else axes
+    return axes * _BACK if backwards else axes
 
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)

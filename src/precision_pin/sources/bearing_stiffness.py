@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Final
 
 import numpy as np
 
-from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, travels, wrench_at
+from precision_pin.sources.places import PadsOn, height_above_seat, seat_of, seat_wrench, travels, wrench_at
 from precision_pin.terms import Chain, InputError, LabelledSpace, Posture, Setting, Source, Term, Value, units
 
 _ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
@@ -74,8 +74,7 @@ class BearingStiffness(Source):
             raise InputError(
                 f"{free}: of {self.label()}: the joint {way} its axis; joint_compliance gives the flexibility of its drive"
             )
-        place = chain.seat(joint)
-        to_place = seat_axes(chain, joint)
+        place, to_place = seat_of(chain, joint)
         to_centre = wrench_at(height_above_seat(posture, joint, self.centre, self.pads_on))
         wrenches = seat_wrench(posture, joint)
         for name, rows in _ROWS.items():

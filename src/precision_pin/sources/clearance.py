@@ -13,7 +13,7 @@ from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.expressions import Constant, Value, sign, sqrt
 from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import LabelledSpace, Space, entry_name
-from precision_pin.sources.places import PadsOn, height_above_seat, seat_axes, seat_wrench, shift_of_point, travels
+from precision_pin.sources.places import PadsOn, height_above_seat, seat_of, seat_wrench, shift_of_point, travels
 from precision_pin.terms import Array, Chain, Dependence, Factors, InputError, Posture, Source, Term, at_means, units
 from precision_pin.terms.term import bounds_of, is_same_for_all, load_value, side_of
 
@@ -31,7 +31,8 @@ class Clearance(Source):
     -M_x) - z_A (F_x, F_y)) / span`` and ``P_A = (F_x, F_y) - P_B``. If a load is below the band, or with ``direction:
     random``, the journal is off centre in a random direction: always in contact, on a circle (Ting, Zhu and Watkins,
     Mechanism and Machine Theory 35, 2000), or anywhere in the disc (Zhu and Ting, ASME DETC 1998). The axis runs
-    through both journals, which displaces the seat as in eqs 18 and 19 of Wei, Jia and Chen (2015). Axial play shifts
+    through both journals, which displaces the seat as in eqs 18 and 19 of Wei, Jia and Chen (2015). Random directions are
+    fixed in the joint's parent link in the file, even if the base is beyond the joint. Axial play shifts
     the seat by half the play to the side of the axial force; if that force is below the band, or with ``direction:
     random``, uniformly between minus and plus this half.
 
@@ -133,8 +134,7 @@ class Clearance(Source):
             raise InputError(
                 f"{self.joint} slides: give its play along the axis as backlash, not as axial: of clearance"
             )
-        place = chain.seat(joint)
-        to_place = seat_axes(chain, joint)
+        place, to_place = seat_of(chain, joint)
         load = np.zeros(6) + at_means(seat_wrench(posture, joint), space.space)
         own = seat_wrench(posture.deciding or posture, joint) if posture.direction_of(joint) else {}
         near = height_above_seat(posture, joint, self.start, self.pads_on)

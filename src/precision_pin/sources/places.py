@@ -1,8 +1,8 @@
 """Places and directions written in a sheet, and geometry and statics at a joint's seat, where its bearings are.
 
-Vectors at a seat are in the *seat's axes*: the joint's frame before its motion, seen from the base, turned so that z is
-the joint's axis in the file. If the base is beyond the joint, that frame is the one of its child link in the file. z
-and heights on the axis do not depend on the choice of the base.
+A joint's seat is its URDF origin frame before its motion, on its parent link in the file, even if the base is beyond the
+joint. Vectors there are in the *seat's axes*, turned so that z is the joint's axis in the file, and are those of the
+child link against the parent link; so nothing there depends on the choice of the base.
 """
 
 from __future__ import annotations
@@ -27,20 +27,29 @@ _APART: Final = 1e-12
 """Relative difference below which two heights count as equal."""
 
 
-def seat_axes(chain: Chain, joint: int) -> Array:
-    """Return the matrix ``(6, 6)`` from ``[d; δ]`` in the seat's axes of a 0-based joint to its place's axes."""
-    return block_diagonal(chain.axis_alignment(joint))
+def seat_of(chain: Chain, joint: int) -> tuple[Place, Array]:
+    """Return the place of a 0-based joint's seat, and the matrix ``(6, 6)`` to its axes.
+
+    It takes the child link's ``[d; δ]`` against the parent link, in the seat's axes, to the place's displacement.
+    """
+    axes = block_diagonal(chain.axis_alignment(joint))
+    if chain.reversed_joints[joint]:
+        # the parent link lies beyond the joint, so it is what is displaced
+        return Place.start(joint + 1, f"seat of {chain.joint_names[joint]}"), -axes
+    return chain.seat(joint), axes
 
 
 def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
-    """Return the wrench ``[F; M]`` (N, N·m) on a 0-based joint of all loads beyond it, by its factors.
+    """Return the wrench ``[F; M]`` (N, N·m) on the child link of a 0-based joint by all loads, by its factors.
 
-    In the seat's axes and about its origin, on the arm on which the loads act.
+    In the seat's axes and about its origin, on the arm on which the loads act. If the base is beyond the joint, it is the
+    reaction to the loads beyond.
     """
     beyond = [load for load in posture.loads if load.link > joint]
-    seat = posture.loaded_ends[joint]
+    backwards = posture.chain.reversed_joints[joint]
+    seat = posture.loaded_link_poses[joint + 1] if backwards else posture.loaded_ends[joint]
     wrenches = posture.wrench_on(beyond, seat[:3, 3])
-    aligned = posture.chain.axis_alignment(joint)
+    aligned = posture.chain.axis_alignment(joint) * (-1.0 if backwards else 1.0)
     return {factors: in_axes(seat[:3, :3], aligned, wrench) for factors, wrench in wrenches.items()}
 
 
@@ -55,18 +64,14 @@ def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:
     """Return the height (m) above the seat's origin of a bearing at ``height`` on the axis of a 0-based joint.
 
-    The bearing travels if the joint is prismatic and the pads are not on the link of the seat: forward with the child
-    link, or back with the parent link if the base is beyond the joint. Child and parent are those of the file.
+    With the pads on the child link, the bearing travels as the joint slides.
     """
-    chain = posture.chain
-    if not travels(chain, joint, pads_on):
-        return height
-    return height + (-1.0 if chain.reversed_joints[joint] else 1.0) * float(posture.q[joint])
+    return height + (float(posture.q[joint]) if travels(posture.chain, joint, pads_on) else 0.0)
 
 
 def travels(chain: Chain, joint: int, pads_on: PadsOn) -> bool:
-    """Return whether the pads of a 0-based joint travel along the axis as it slides; see :func:`height_above_seat`."""
-    return bool(chain.prismatic[joint]) and (pads_on == "parent") is bool(chain.reversed_joints[joint])
+    """Return whether the pads of a 0-based joint travel along the axis of its seat as it slides."""
+    return bool(chain.prismatic[joint]) and pads_on == "child"
 
 
 def shift_of_point(height: float, other: float) -> Array:

@@ -246,6 +246,36 @@ BAD: dict[str, tuple[str, bytes]] = {
 }  # fmt: skip
 
 
+POINT = np.zeros(3, "<u2").tobytes()
+LINE = "0 0 0 0.1 0.2 0.7 0.3 0.6 2.1"
+FLAT: dict[str, bytes] = {
+    "fan.obj": FACES + b"1 " * 20_000,
+    "line.obj": b"v 0 0 0\nv .1 .2 .7\nv .3 .6 2.1\nf 1 2 3\nf -3 -1 -2",
+    "point.stl": stl(1, [TRIANGLE[:3] + TRIANGLE[3:6] * 3]),
+    "line.stl": ("solid x\n" + "".join(f"vertex {k / 10} {k / 10} {k / 10}\n" for k in (0, 1, 3)) * 2).encode(),
+    "point.ply": PLY.format(3).encode() + CORNERS + struct.pack("<B200i", 200, *[1] * 200),
+    "line.ply": TEXT_PLY.format(0).replace("0 1 0\n", "3 0 0\n").encode(),
+    "point.gltf": json.dumps(
+        gltf("data:application/octet-stream;base64," + base64.b64encode(CORNERS + POINT).decode())
+    ).encode(),
+    "line.glb": glb(gltf(), np.array(LINE.split(), "<f4").tobytes() + INDICES),
+    "point.dae": dae("1 1 1"),
+    "line.dae": dae(numbers=LINE),
+    "polygons.dae": dae("1 1 1 1 0 0 1", count=2)
+    .replace(b'<triangles count="2">', b"<polylist>")
+    .replace(b"<p>", b"<vcount>4 3</vcount><p>")
+    .replace(b"</triangles>", b"</polylist>"),
+}
+
+
+@pytest.mark.parametrize("name", FLAT)
+def test_a_mesh_without_a_face_that_has_an_area_is_warned_of(arm, tmp_path, name):
+    """Faces of one point or on one line; one sound face among them is enough, in any format that the sound ones show."""
+    (tmp_path / name).write_bytes(FLAT[name])
+    (found,) = check(arm_with_mesh(arm, tmp_path, name))
+    assert (found.code, "holds no face with an area" in found.message) == ("W_MESH_BAD", True)
+
+
 @pytest.mark.parametrize("name", BAD)
 def test_what_a_mesh_claims_is_checked(tmp_path, name):
     reason, content = BAD[name]

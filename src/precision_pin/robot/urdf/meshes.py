@@ -11,6 +11,7 @@ import json
 import os
 import re
 import struct
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
@@ -50,6 +51,8 @@ GLB_JSON, GLB_BINARY = 0x4E4F534A, 0x004E4942
 NUMBERS: Final = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 FARTHEST: Final = 1e30
 """Coordinate or factor beyond which extents and squares of a mesh may overflow in single or double precision."""
+_FLAT: Final = 1e-6
+"""Area of a polygon, relative to its longest edge squared, that is rounding."""
 WIDTHS: Final = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
@@ -66,8 +69,21 @@ def check_numbers(numbers: ArrayLike) -> None:
         raise BrokenMeshError(f"holds vertices farther than {FARTHEST:g} from its origin")
 
 
-def check_glb(data: bytes, companion: Companion) -> None:
-    """Check a binary glTF file."""
+def _is_flat(polygons: ArrayLike) -> bool:
+    """Return whether corners ``(N, 3)``, or ``(F, N, 3)`` of several polygons, enclose no area, to single precision."""
+    corners = np.asarray(polygons)
+    # in blocks, as the first one usually decides
+    blocks = [corners] if corners.ndim == 2 else (corners[k : k + 1000] for k in range(0, len(corners), 1000))
+    for block in blocks if corners.shape[-2] > 2 else ():
+        edges = np.diff(block.astype(np.float64), axis=-2)
+        twice = np.abs(np.cross(edges[..., :-1, :], edges[..., 1:, :])).max(axis=(-2, -1))
+        if (twice > _FLAT * np.square(edges).max(axis=(-2, -1))).any():
+            return False
+    return True
+
+
+def check_glb(data: bytes, companion: Companion) -> bool:
+    """Check a binary glTF file; return whether no face has an area."""
     magic, version, length = struct.unpack_from("<4sII", data)
     if magic != b"glTF" or version != 2:
         raise BrokenMeshError("is not a binary glTF 2 file")
@@ -83,12 +99,12 @@ def check_glb(data: bytes, companion: Companion) -> None:
     if not chunks or chunks[0][0] != GLB_JSON:
         raise BrokenMeshError("does not begin with a JSON chunk")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == GLB_BINARY else None
-    _check_gltf_tree(_json(chunks[0][1]), binary, companion)
+    return _check_gltf_tree(_json(chunks[0][1]), binary, companion)
 
 
-def check_gltf(data: bytes, companion: Companion) -> None:
-    """Check a glTF file in JSON and the buffers that it names."""
-    _check_gltf_tree(_json(data), None, companion)
+def check_gltf(data: bytes, companion: Companion) -> bool:
+    """Check a glTF file in JSON and the buffers that it names; return whether no face has an area."""
+    return _check_gltf_tree(_json(data), None, companion)
 
 
 def _json(data: bytes) -> dict[str, Any]:
@@ -103,7 +119,7 @@ def _json(data: bytes) -> dict[str, Any]:
     return tree
 
 
-def _check_gltf_tree(tree: Mapping[str, Any], binary: bytes | None, companion: Companion) -> None:
+def _check_gltf_tree(tree: Mapping[str, Any], binary: bytes | None, companion: Companion) -> bool:
     buffers = []
     for k, buffer in enumerate(tree.get("buffers", [])):
         content = binary if "uri" not in buffer and k == 0 else _from_uri(str(buffer["uri"]), companion)
@@ -112,8 +128,10 @@ def _check_gltf_tree(tree: Mapping[str, Any], binary: bytes | None, companion: C
         buffers.append(content)
     views = [_view(view, buffers) for view in tree.get("bufferViews", [])]
     accessors = [_accessor(accessor, views) for accessor in tree.get("accessors", [])]
-    meshes = [mesh.get("primitives", []) for mesh in tree.get("meshes", [])]
-    _check_nodes(tree, [sum(_check_primitive(one, accessors) for one in primitives) for primitives in meshes])
+    meshes = [[_triangles(one, accessors) for one in mesh.get("primitives", [])] for mesh in tree.get("meshes", [])]
+    _check_nodes(tree, [sum(map(len, primitives)) for primitives in meshes])
+    found = [triangles for primitives in meshes for triangles in primitives if len(triangles)]
+    return bool(found) and all(map(_is_flat, found))
 
 
 def _from_uri(uri: str, companion: Companion) -> bytes:
@@ -154,18 +172,19 @@ def _accessor(accessor: Mapping[str, Any], views: list[tuple[bytes, int]]) -> ND
     return np.ndarray((count, width), kind, data, start, (step, kind.itemsize))
 
 
-def _check_primitive(primitive: Mapping[str, Any], accessors: list[NDArray[Any]]) -> int:
+def _triangles(primitive: Mapping[str, Any], accessors: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return the corners ``(F, 3, 3)`` of a primitive's triangles, as if it were a list of them."""
     attributes = primitive.get("attributes", {})
     if "POSITION" not in attributes:
-        return 0
+        return np.zeros((0, 3, 3))
     corners = accessors[_index(attributes["POSITION"], accessors)]
     check_numbers(corners)
-    if "indices" not in primitive:
-        return len(corners) // 3
-    indices = accessors[_index(primitive["indices"], accessors)]
-    if indices.size and not 0 <= int(indices.min()) <= int(indices.max()) < len(corners):
-        raise BrokenMeshError(f"holds face indices outside its {len(corners)} vertices")
-    return len(indices) // 3
+    if "indices" in primitive:
+        indices = accessors[_index(primitive["indices"], accessors)]
+        if indices.size and not 0 <= int(indices.min()) <= int(indices.max()) < len(corners):
+            raise BrokenMeshError(f"holds face indices outside its {len(corners)} vertices")
+        corners = corners[indices.ravel()]
+    return corners[: len(corners) // 3 * 3].reshape(-1, 3, 3)
 
 
 def _check_nodes(tree: Mapping[str, Any], triangles: list[int]) -> None:
@@ -193,8 +212,8 @@ def _check_nodes(tree: Mapping[str, Any], triangles: list[int]) -> None:
         raise BrokenMeshError(f"holds {total} triangles; up to {MOST_TRIANGLES} are read")
 
 
-def check_collada(data: bytes, companion: Companion) -> None:
-    """Check a COLLADA file; images it names are not opened."""
+def check_collada(data: bytes, companion: Companion) -> bool:
+    """Check a COLLADA file, whose images are not opened; return whether no face has an area."""
     _check_xml(data)
     try:
         root = ElementTree.fromstring(data)
@@ -208,7 +227,8 @@ def check_collada(data: bytes, companion: Companion) -> None:
         elif element.tag in ("matrix", "translate", "rotate", "scale", "skew", "lookat"):
             check_numbers([float(word) for word in (element.text or "").split()])
     geometries = {geometry.get("id", ""): _check_geometry(geometry) for geometry in root.iter("geometry")}
-    _check_instances(root, geometries)
+    _check_instances(root, {name: count for name, (count, _) in geometries.items()})
+    return any(count for count, _ in geometries.values()) and all(is_flat for _, is_flat in geometries.values())
 
 
 def _check_xml(data: bytes) -> None:
@@ -237,20 +257,22 @@ def _check_xml(data: bytes) -> None:
         raise BrokenMeshError("is of an unknown encoding") from None
 
 
-def _check_geometry(geometry: ElementTree.Element) -> int:
-    rows = {"#" + source.get("id", ""): _check_source(source) for source in geometry.iter("source")}
+def _check_geometry(geometry: ElementTree.Element) -> tuple[int, bool]:
+    """Return the number of triangles, and whether no face has an area."""
+    rows = {"#" + source.get("id", ""): _rows(source) for source in geometry.iter("source")}
     for vertices in geometry.iter("vertices"):
         for given in vertices.findall("input"):
             if given.get("semantic") == "POSITION":
-                rows["#" + vertices.get("id", "")] = rows.get(given.get("source", ""), 0)
+                rows["#" + vertices.get("id", "")] = rows.get(given.get("source", ""), np.zeros((0, 3)))
     kinds = ("triangles", "polylist", "polygons", "trifans", "tristrips")
-    return sum(_check_faces(faces, rows) for kind in kinds for faces in geometry.iter(kind))
+    found = [_check_faces(faces, rows) for kind in kinds for faces in geometry.iter(kind)]
+    return sum(count for count, _ in found), all(is_flat for _, is_flat in found)
 
 
-def _check_source(source: ElementTree.Element) -> int:
+def _rows(source: ElementTree.Element) -> NDArray[np.float64]:
     array, accessor = source.find("float_array"), source.find("technique_common/accessor")
     if array is None:
-        return 0
+        return np.zeros((0, 3))
     numbers = np.array((array.text or "").split(), dtype=float)
     if int(array.get("count", len(numbers))) != len(numbers):
         raise BrokenMeshError(f"claims {shown(array.get('count', ''))} numbers in an array of {len(numbers)}")
@@ -259,12 +281,12 @@ def _check_source(source: ElementTree.Element) -> int:
     count = len(numbers) // max(stride, 1) if accessor is None else int(accessor.get("count", 0))
     if stride < 1 or count < 0 or count * stride > len(numbers):
         raise BrokenMeshError(f"claims {count} rows of {stride} in an array of {len(numbers)}")
-    return count
+    return numbers[: count * stride].reshape(count, stride)
 
 
-def _check_faces(faces: ElementTree.Element, rows: Mapping[str, int]) -> int:
-    inputs = [(int(one.get("offset", 0)), rows.get(one.get("source", ""))) for one in faces.findall("input")]
-    width = 1 + max((offset for offset, _ in inputs), default=0)
+def _check_faces(faces: ElementTree.Element, rows: Mapping[str, NDArray[np.float64]]) -> tuple[int, bool]:
+    inputs = [(int(one.get("offset", 0)), rows.get(one.get("source", "")), one) for one in faces.findall("input")]
+    width = 1 + max((offset for offset, _, _ in inputs), default=0)
     indices = np.array([word for p in faces.findall("p") for word in (p.text or "").split()], dtype=np.int64)
     if width < 1 or len(indices) % width:
         raise BrokenMeshError("holds faces that are cut short")
@@ -273,11 +295,16 @@ def _check_faces(faces: ElementTree.Element, rows: Mapping[str, int]) -> int:
         corners = int(np.array((vcount.text or "").split(), dtype=np.int64).sum())
     if corners is not None and corners * width != len(indices):
         raise BrokenMeshError(f"claims {corners} corners of faces, but holds {len(indices) // width}")
-    for offset, count in inputs:
+    is_flat = not len(indices)
+    for offset, table, one in inputs:
         column = indices[offset::width]
-        if column.size and count is not None and not 0 <= int(column.min()) <= int(column.max()) < count:
-            raise BrokenMeshError(f"holds face indices outside its {count} rows")
-    return len(indices) // width // 3
+        if column.size and table is not None and not 0 <= int(column.min()) <= int(column.max()) < len(table):
+            raise BrokenMeshError(f"holds face indices outside its {len(table)} rows")
+        if one.get("semantic") == "VERTEX" and table is not None:
+            # of polygons every three successive corners, also from one to the next
+            first = np.arange(0, column.size - 2, 3 if faces.tag == "triangles" else 1)
+            is_flat = _is_flat(table[column[first[:, None] + np.arange(3)], :3])
+    return len(indices) // width // 3, is_flat
 
 
 def _check_instances(root: ElementTree.Element, geometries: Mapping[str, int]) -> None:
@@ -342,9 +369,11 @@ def read_mesh(path: Path) -> MeshFile:
     if not data:
         raise BrokenMeshError("is empty")
     try:
-        MESH_KINDS[kind](data, companion)
+        is_flat = MESH_KINDS[kind](data, companion)
     except (struct.error, ValueError, IndexError, KeyError, TypeError, AttributeError, OverflowError):
         raise BrokenMeshError("is cut short or garbled") from None
+    if is_flat:
+        raise BrokenMeshError("holds no face with an area")
     return MeshFile(kind, data, companions)
 
 
@@ -369,7 +398,7 @@ def _read_companion(path: Path, name: str) -> bytes:
     return _read(real, f"names {shown(name)}: ")
 
 
-def _check_stl(data: bytes, companion: Companion) -> None:
+def _check_stl(data: bytes, companion: Companion) -> bool:
     if len(data) >= STL_HEADER:
         count = int.from_bytes(data[80:84], "little")
         if len(data) == STL_HEADER + STL_TRIANGLE * count:
@@ -377,16 +406,14 @@ def _check_stl(data: bytes, companion: Companion) -> None:
                 raise BrokenMeshError("holds no triangles")
             triangles = np.frombuffer(data, np.dtype([("numbers", "<f4", 12), ("spare", "<u2")]), count, STL_HEADER)
             check_numbers(triangles["numbers"][:, 3:])
-            return
+            return _is_flat(triangles["numbers"][:, 3:].reshape(-1, 3, 3))
     if data.lstrip()[:5].lower() != b"solid" or b"vertex" not in data:
         if len(data) < STL_HEADER:
             raise BrokenMeshError("is too short for an STL file")
         fitting = (len(data) - STL_HEADER) / STL_TRIANGLE
         raise BrokenMeshError(f"claims {count} triangles, but its size fits {fitting:g}")
-    for line in _lines(data):
-        words = line.split()
-        if words and words[0] == "vertex":
-            _check_point(words[1:4])
+    corners = [_point(words[1:4]) for words in map(str.split, _lines(data)) if words and words[0] == "vertex"]
+    return _is_flat(np.reshape(corners, (-1, 3, 3)))
 
 
 def _lines(data: bytes) -> list[str]:
@@ -395,16 +422,22 @@ def _lines(data: bytes) -> list[str]:
     return data.decode("latin-1").splitlines()
 
 
-def _check_obj(data: bytes, companion: Companion) -> None:
+def _is_flat_face(points: array[float], corners: Sequence[int], first: int = 0) -> bool:
+    """Return whether a face has no area, by the numbers of its corners, counted from ``first``."""
+    return len(set(corners)) < 3 or _is_flat([points[3 * (k - first) : 3 * (k - first) + 3] for k in corners])
+
+
+def _check_obj(data: bytes, companion: Companion) -> bool:
     seen = {"v": 0, "vt": 0, "vn": 0}
     lowest, highest = 1, 0
     others = {"vt": 0, "vn": 0}
+    points, is_flat = array("d"), True
     for line in _lines(data):
         words = line.split() or [""]
         if words[0] in seen:
             seen[words[0]] += 1
         if words[0] == "v":
-            _check_point(words[1:4])
+            points.extend(_point(words[1:4]))
         elif words[0] == "f":
             corners = [int(word.partition("/")[0]) for word in words[1:]]
             for word in words[1:]:
@@ -415,6 +448,7 @@ def _check_obj(data: bytes, companion: Companion) -> None:
             # negative indices count backwards from the vertices seen so far
             corners = [corner if corner > 0 else seen["v"] + 1 + corner for corner in corners]
             lowest, highest = min(lowest, *corners), max(highest, *corners)
+            is_flat = is_flat and 0 < lowest <= highest <= seen["v"] and _is_flat_face(points, corners, 1)
         elif words[0] == "mtllib":
             try:
                 companion(line.split(None, 1)[1].strip())
@@ -427,17 +461,19 @@ def _check_obj(data: bytes, companion: Companion) -> None:
         raise BrokenMeshError(f"holds face indices outside its {seen['v']} vertices")
     if any(largest > seen[kind] for kind, largest in others.items()):
         raise BrokenMeshError("holds face indices outside its texture points or normals")
+    return is_flat
 
 
-def _check_point(words: Sequence[str]) -> None:
+def _point(words: Sequence[str]) -> list[float]:
     values = [*map(float, words)]
     if len(values) < 3:
         raise BrokenMeshError("holds vertices of fewer than three coordinates")
     if not all(abs(value) <= FARTHEST for value in values):  # there may be a million lines, so no arrays here
         check_numbers(values)
+    return values
 
 
-def _check_ply(data: bytes, companion: Companion) -> None:
+def _check_ply(data: bytes, companion: Companion) -> bool:
     end = data.find(b"end_header")
     if not data.startswith(b"ply") or end < 0:
         raise BrokenMeshError("has no PLY header")
@@ -471,23 +507,26 @@ def _check_ply(data: bytes, companion: Companion) -> None:
         for _ in range(count):
             _check_ply_row(reader, name, properties, vertices)
     reader.finish()
+    return reader.is_flat
 
 
 def _check_ply_row(reader: _PlyReader, name: str, properties: list[list[str]], vertices: int) -> None:
     for words in properties:
         if words[0] != "list":
             value = reader.next(words[0])
-            if name == "vertex" and words[-1] in ("x", "y", "z") and not abs(value) <= FARTHEST:
-                check_numbers(value)
+            if name == "vertex" and words[-1] in ("x", "y", "z"):
+                reader.points.append(value)
+                if not abs(value) <= FARTHEST:
+                    check_numbers(value)
             continue
         length = int(reader.next(words[1]))
         is_face = words[-1] in ("vertex_indices", "vertex_index")
         if is_face and length < 3:
             raise BrokenMeshError(f"holds a face with {length} corners")
-        for _ in range(length):
-            index = reader.next(words[2])
-            if is_face and not 0 <= index < vertices:
-                raise BrokenMeshError(f"holds face indices outside its {vertices} vertices")
+        corners = [int(reader.next(words[2])) for _ in range(length)]
+        if is_face and not 0 <= min(corners) <= max(corners) < vertices:
+            raise BrokenMeshError(f"holds face indices outside its {vertices} vertices")
+        reader.is_flat &= not is_face or (len(reader.points) == 3 * vertices and _is_flat_face(reader.points, corners))
 
 
 class _PlyReader:
@@ -495,6 +534,7 @@ class _PlyReader:
         self, *, values: Iterator[float] | None = None, data: bytes = b"", at: int = 0, order: str = "<"
     ) -> None:
         self._values, self._data, self._at, self._order = values, data, at, order
+        self.points, self.is_flat = array("d"), True
 
     def next(self, kind: str) -> float:
         if self._values is not None:
@@ -515,9 +555,10 @@ class _PlyReader:
         if self._at + count * kind.itemsize > len(self._data):
             raise BrokenMeshError(f"claims {count} of {name}, more than its size can hold")
         rows = np.frombuffer(self._data, kind, count, self._at)
-        for field, _ in fields:
-            if name == "vertex" and field.rpartition(" ")[2] in ("x", "y", "z"):
-                check_numbers(rows[field])
+        if name == "vertex":
+            corners = np.stack([rows[field] for field, _ in fields if field.rpartition(" ")[2] in ("x", "y", "z")], -1)
+            check_numbers(corners)
+            self.points.extend(corners.astype(float).ravel())
         self._at += count * kind.itemsize
         return True
 
@@ -534,7 +575,7 @@ def _ply_code(kind: str) -> str:
     return code
 
 
-MESH_KINDS: Final[Mapping[str, Callable[[bytes, Companion], None]]] = {
+MESH_KINDS: Final[Mapping[str, Callable[[bytes, Companion], bool]]] = {
     ".stl": _check_stl,
     ".obj": _check_obj,
     ".glb": check_glb,
