@@ -116,8 +116,10 @@ def test_a_calibrated_sheet_leaves_what_differs_from_visit_to_visit_to_be_chosen
     left = np.array([0.01e-3, 0.02e-3, 0.02e-3])
     names = ["a0", "a1", "a2"]
     known = {"names": names, "mean": dict.fromkeys(names, 0.0), "covariance": np.diag(left**2).tolist()}
-    (tmp_path / "a.json").write_text(json.dumps({"schema": "precision-pin/calibration/1", "posterior": known}))
-    data = dict(slide_model(tmp_path).sheet.contents.text.data)
+    nominal = slide_model(tmp_path)
+    of = {"schema": "precision-pin/calibration/1", "posterior": known, "kinematics": nominal.chain.kinematics}
+    (tmp_path / "a.json").write_text(json.dumps(of))
+    data = dict(nominal.sheet.contents.text.data)
     law = {"normal": {"std": "0.1 mm"}, "scope": "visit"}
     visit = {"length": {"frame": "tip", "along": "x of joint1", "parameters": law}}
     data |= {"sources": [*data["sources"], visit], "calibrated": "a.json"}

@@ -122,7 +122,11 @@ def test_poses_that_cannot_be_reached_are_not_numbers_and_are_said(tmp_path):
     poses = PoseSet.joined([PoseSet.at(PAPER.chain, around(2), ("near", "far")), BEYOND])
     made = pp.map_poses(PAPER, poses, specifications=["1 m"], relative_to="paper", verify=1)
     assert np.isnan([*made.mean[:, 2], *made.quantile[:, :, 2].ravel()]).all()
-    assert (made.unknown, sorted(made.worst_first), made.met) == (1, [0, 1], True)
+    assert (made.unknown, sorted(made.worst_first), made.met) == (1, [0, 1], False)
+    assert made.grounds.not_judged == "1 of 3 poses are left out: 1 unreachable ('beyond')"
+    beyond = PAPER.with_({"poses.paper": "-90 3 88 -91 deg"})
+    beyond.beyond_limits = True
+    assert pp.map_poses(beyond, poses, specifications=["1 m"], verify=1).met
     text = map_table(made)
     assert "1 unreachable" in text
     assert "1 of 3 poses cannot be reached and are not judged" in text

@@ -104,6 +104,31 @@ def test_an_added_analysis_is_found_everywhere(tmp_path, monkeypatch):
     assert f"dx at the means is {1e3 * OFFSET[0]:.4f} mm" in reader.text
 
 
+def test_an_analysis_that_draws_nothing_has_no_seed(tmp_path, monkeypatch):
+    """Without the shared option ``seed`` its function takes none, and its result has none."""
+    (tmp_path / "still_analysis").mkdir()
+    texts = {name: text.replace("offset", "still").replace("Offset", "Still") for name, text in FOLDER.items()}
+    texts["__init__.py"] = texts["__init__.py"].replace("*AT_POSES", '*(one for one in AT_POSES if one != "seed")')
+    texts["still.py"] = texts.pop("offset.py").replace(
+        "fields(found)})", "fields(found)} | {'provenance': Provenance.of(model)})"
+    )
+    texts["still.py"] = (
+        texts["still.py"]
+        .replace("**settings):", "*, findings, progress, **settings):")
+        .replace("from dataclasses", "from precision_pin.analyses.provenance import Provenance\nfrom dataclasses")
+    )
+    for name, text in texts.items():
+        (tmp_path / "still_analysis" / name).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "FOLDERS", [*registry.FOLDERS, "still_analysis"])
+    monkeypatch.chdir(tmp_path)
+    told = CliRunner().invoke(cli, ["still", "--json", "still.json"], catch_exceptions=False)
+    assert (told.exit_code, told.stdout.strip()) == (0, f"{1e3 * OFFSET[0]:.4f} mm at 0.95")
+    assert json.loads(Path("still.json").read_text())["seed"] is None
+    refused = CliRunner().invoke(cli, ["still", "--seed", "1"])
+    assert refused.exit_code == 2
+
+
 @pytest.mark.parametrize("name", registry.declarations())
 def test_a_declaration_names_what_there_is(name):
     one = registry.declarations()[name]

@@ -94,6 +94,7 @@ def test_a_specification_is_met_when_the_lower_end_reaches_it(run):
             "judged": True,
             "why_not_judged": None,
             "taken_as_exact": [],
+            "linear_model": None,
             "verdict": verdict,  # all are inside: too few samples, no failure
             "cpk": None,
             "cpk_interval": [pytest.approx(stats.norm.ppf(share) / 3, rel=1e-9), None],

@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import re
 
 import numpy as np
 import pytest
@@ -136,8 +137,9 @@ def test_other_commands_run_on_the_calibrated_sheet(run, folder, quick):
 
 def test_a_wrong_calibration_is_refused_at_its_line(refused, folder, quick):
     estimates = {"names": ["nonsense"], "mean": {"nonsense": 0.0}, "covariance": [[1.0]]}
+    of = pp.ErrorModel.load(folder / quick).chain.kinematics
     for name, posterior in (("part.json", {"names": ["a0"], "mean": {}}), ("stranger.json", estimates)):
-        content = {"schema": "precision-pin/calibration/1", "posterior": posterior}
+        content = {"schema": "precision-pin/calibration/1", "posterior": posterior, "kinematics": of}
         (folder / name).write_text(json.dumps(content))
     (folder / "other.json").write_text("[1]")
     text = (folder / SHEET).read_text()
@@ -152,6 +154,49 @@ def test_a_wrong_calibration_is_refused_at_its_line(refused, folder, quick):
         line = refused("check", "new.errors.yaml")
         assert line.startswith(f"new.errors.yaml:{text.count(chr(10)) + 1}: error ")
         assert message in line
+
+
+@pytest.mark.slow
+def test_the_calibration_of_another_robot_is_refused_by_its_joints_and_not_by_its_names(run, refused, folder, quick):
+    """Names, meshes, masses, notes and how a link is divided do not matter; where a joint or the tip is does."""
+    run("calibrate", quick, "data.csv", "--sheet", "new.errors.yaml")
+    urdf, sheet = (folder / "4dof.urdf").read_text(), (folder / "new.errors.yaml").read_text()
+    # the last link in two parts, other masses, a note and a part beside the arm
+    last = '<origin xyz="0 0 -0.274"/>'
+    start = urdf.rindex("<joint", 0, urdf.index(last))
+    half = urdf[start : urdf.index("</joint>", start) + 8].replace("0.274", "0.137")
+    first, second = (half.replace('"tool"', '"between"'), re.sub(r'parent link="[^"]*"', 'parent link="between"', half))
+    parts = first + re.sub(r'joint name="[^"]*"', 'joint name="further"', second)
+    divided = urdf[:start] + parts + '<link name="between"/>' + urdf[start + len(half) :]
+    for text in (
+        divided,
+        re.sub(r'mass value="[^"]*"', 'mass value="0.5"', urdf).replace("<robot", "<!-- ours --><robot"),
+    ):
+        (folder / "4dof.urdf").write_text(text)
+        assert "W_CALIBRATED" not in run("check", "new.errors.yaml").out
+    for name in ("4dof.urdf", "ours.urdf"):
+        (folder / name).write_text(urdf)
+    (folder / "ours.errors.yaml").write_text(sheet.replace("4dof.urdf", "ours.urdf"))
+    assert "W_CALIBRATED" not in run("check", "ours.errors.yaml", "--tip", "link4").out
+    for old, new in (
+        ('xyz="1.97 0 0"', 'xyz="9.85 0 0"'),
+        (last, last.replace("0.2", "0.3")),
+        ('axis xyz="0 0 1"', 'axis xyz="0 1 0"'),
+    ):
+        assert old in urdf
+        (folder / "4dof.urdf").write_text(urdf.replace(old, new))
+        line = refused("check", "new.errors.yaml")
+        assert "calibrated: new.calibration.json is not of this 4dof.urdf: joints and tip are placed otherwise;" in line
+    asked = ("calibrate", quick, "--population", "new.calibration.json", "new.calibration.json")
+    assert "new.calibration.json is not of this 4dof.urdf: joints and tip" in refused(*asked)
+    # older results have names alone
+    (folder / "4dof.urdf").write_text(urdf)
+    old = json.loads((folder / "new.calibration.json").read_text())
+    del old["kinematics"]
+    (folder / "new.calibration.json").write_text(json.dumps(old))
+    said = run("check", "new.errors.yaml").out
+    assert "W_CALIBRATED_ROBOT: new.calibration.json is of a 4dof.urdf by name only" in said
+    assert "is not of this ours.urdf: it is of 4dof.urdf;" in refused("check", "ours.errors.yaml")
 
 
 def test_a_tolerance_edited_in_the_text_of_a_calibrated_sheet_is_said(run, folder, quick):

@@ -24,6 +24,7 @@ from precision_pin.base.errors import OutputError
 from precision_pin.base.files import whole_folder, write_text
 from precision_pin.cli import streams
 from precision_pin.cli.streams import shortage
+from precision_pin.robot.examples import PAPER_SHEET
 
 LIGHT = {"matplotlib", "meshcat", "xarray", "yourdfpy"}
 LISTING = os.environ | {"PYTHONPROFILEIMPORTTIME": "1"}
@@ -137,6 +138,15 @@ def test_what_the_system_does_not_give():
         assert words in str(shortage(error))
     assert shortage(ValueError("planted")) is None
     assert shortage(OSError(errno.ENOENT, "no such file")) is None
+
+
+@pytest.mark.slow
+def test_a_working_folder_that_is_gone_is_one_line(refused, monkeypatch, tmp_path):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    asked = ("analyze", str(PAPER_SHEET), "--samples", "10", "--processes", "2")
+    assert refused(*asked).startswith("precision-pin: error E_RESOURCES: the working folder no longer exists; ")
 
 
 def test_threads_that_do_not_start_and_a_lack_of_memory_are_one_line(refused, monkeypatch):

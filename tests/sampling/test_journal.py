@@ -515,6 +515,31 @@ def test_a_record_made_to_harm_is_refused_at_once(harm: str, file: Path) -> None
 
 
 @pytest.mark.slow
+def test_a_state_that_contradicts_its_own_histogram_is_refused(file: Path) -> None:
+    """A forged share inside, or mean, or extreme, under a right digest; what bins cannot tell apart is taken."""
+    told = {"samples": 4000, "specifications": [pp.specification("37 mm @ 50 %"), pp.specification("x 8 mm @ 50 %")]}
+    pp.monte_carlo(MODEL, "paper", journal=file, **told)
+    data = file.read_bytes()
+    ends = record_ends(data)
+    header, last = data[len(MAGIC) + 24 : ends[0]], data[ends[-2] + 24 : ends[-1]]
+    errors = pp.monte_carlo(MODEL, "paper", keep_samples=True, samples=4000).errors
+    inside = np.array([(np.linalg.norm(errors[:3], axis=0) <= 0.037).sum(), (np.abs(errors[0]) <= 0.008).sum()])
+    before = zipfile.ZipFile(io.BytesIO(zlib.decompress(last)))
+    arrays = {name: np.load(io.BytesIO(before.read(name))) for name in before.namelist()}
+    assert (arrays["inside.npy"] == inside).all()
+    for name, value in (
+        ("inside", [4000, inside[1]]), ("inside", [inside[0], 0]), ("inside", inside - [200, 0]),
+        ("sums", arrays["sums.npy"] + 1.0), ("lowest", arrays["lowest.npy"] - 0.01), ("highest", arrays["highest.npy"] + 0.01),
+    ):  # fmt: skip
+        after = io.BytesIO()
+        forged = {**arrays, f"{name}.npy": np.array(value, dtype=arrays[f"{name}.npy"].dtype)}
+        np.savez(after, **{key.removesuffix(".npy"): array for key, array in forged.items()})
+        journal_of(file, header, zlib.compress(after.getvalue()))
+        with pytest.raises(InputError, match="its statistics contradict its histograms"):
+            pp.monte_carlo(MODEL, "paper", journal=file, resume=True, **told)
+
+
+@pytest.mark.slow
 def test_a_record_that_inflates_without_end_is_refused_at_once() -> None:
     bomb = zlib.compress(bytes(2**24), 9)
     # so that the bomb is no longer than a state may be

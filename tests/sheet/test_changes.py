@@ -186,7 +186,9 @@ TURNED = 0.05**2 / (0.05**2 + 0.1**2 / 3)
 def calibrated(folder, names, mean, covariance):
     """Write estimates of a calibration; return what a sheet says of them."""
     estimates = {"names": names, "mean": dict(zip(names, mean, strict=True)), "covariance": covariance}
-    text = json.dumps({"schema": "precision-pin/calibration/1", "posterior": estimates})
+    (urdf,) = folder.glob("*.urdf")
+    of = pp.Chain.from_urdf(urdf).kinematics
+    text = json.dumps({"schema": "precision-pin/calibration/1", "posterior": estimates, "kinematics": of})
     (folder / "arm.calibration.json").write_text(text)
     return {"calibrated": "arm.calibration.json"}
 

@@ -265,6 +265,15 @@ def test_wrong_ones_get_one_line(refuse):
         ("joint_offset: {joint: joint1, offset: ±-0.02 deg}", "the half-width is negative"),
         ("joint_offset: {joint: joint1, offset: ± deg}", "expected a number with a unit"),
         ("joint_offset: {joint: joint1, offset: 1 mm ± 0.02 deg}", "'mm' in '1 mm' is not a unit of angle"),
+        *(
+            (f"{name}: {{{place}}}", f"{name} without a number does nothing; give one or more of {first}, ")
+            for name, place, first in (
+                ("frame", "joint: joint1", "x, y"),
+                ("mounting", "at: base", "x, y"),
+                ("levelling", "", "rx, ry"),
+                ("mcpc", "link: link1", "alpha, beta"),
+            )
+        ),
         ("joint_offset: {joint: joint1, offset: 0.02}", "'0.02' has no unit; an angle needs one of"),
         ("joint_offset: {joint: joint1, offset: 0.02}", "with a unit it is a constant, the same in every robot"),
         ("joint_offset: {joint: joint1, offset: 0.02}", "with ±, as '±0.02 UNIT', it is a tolerance"),

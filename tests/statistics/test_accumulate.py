@@ -440,6 +440,8 @@ SLIPS = {
     "1 mm @ 120": "above 0 and below 1",
     "1 mm @ 0.95 %": "did you mean '95 %'? (or the plain ratio 0.0095)",
     "1 mm @ 0.9973%": "did you mean '99.73 %'?",
+    "37 mm @ 100 ppm": "the probability is the share of robots inside; write '99.99 %'",
+    "1 mm @ 0.5ppm": "write '99.99995 %'",
     "0.3": "'0.3' has no unit: '0.3 mm' limits the position, '0.3 mrad' the attitude",
     "x 0.3 @ 95 %": "'0.3' has no unit",
     "1 mm @": "write it as",

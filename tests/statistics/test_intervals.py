@@ -410,7 +410,7 @@ def test_dictionary_has_exactly_the_keys_of_the_schema() -> None:
         (norm["quantiles"], common),
         (x["quantiles"], f"0.00135 0.01 0.05 {common}"),
         (x["quantile_interval"], f"0.00135 0.01 0.05 {common}"),
-        (read["spec"][0], f"{judged} taken_as_exact cpk cpk_interval"),
+        (read["spec"][0], f"{judged} taken_as_exact linear_model cpk cpk_interval"),
     ):
         assert " ".join(part) == keys
     # Wilks: one-sided bounds need 1108 samples, two-sided ones 1756

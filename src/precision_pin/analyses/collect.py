@@ -149,8 +149,8 @@ def collect(
         declaration = declarations()[name]
         arguments = {key: settings[key] for key in declaration.report_settings}
         with step(declaration.heading.lower(), declaration.count_steps(error_model.space, 1, arguments)) as progress:
-            common = {"seed": seed, "findings": sheet.findings, "progress": progress}
-            found[name] = _tried(partial(declaration.run, error_model, [pose], **common, **arguments))
+            common = {**arguments, "findings": sheet.findings, "progress": progress}
+            found[name] = _tried(partial(declaration.run, error_model, [pose], seed=seed, **common))
     with step("MCPC parameters", 0):
         geometry = _tried(lambda: mcpc.from_chain(error_model.chain))
     x = at.space.sample(seed, 0, min(samples, CLOUD))

@@ -195,9 +195,10 @@ class Declaration(NamedTuple):
         """Options that are not shared."""
         return [option for option in self.options if isinstance(option, Option)]
 
-    def run(self, model: Any, pose: Any, **arguments: Any) -> Any:
-        """Run the analysis and return its result."""
-        return load(self.function)(model, pose=pose, **arguments)
+    def run(self, model: Any, pose: Any, *, seed: int | None, **arguments: Any) -> Any:
+        """Run the analysis and return its result; one without the option ``seed`` draws nothing and takes none."""
+        drawn = {"seed": seed} if "seed" in self.options else {}
+        return load(self.function)(model, pose=pose, **drawn, **arguments)
 
     @property
     def outputs(self) -> str:

@@ -32,7 +32,7 @@ class Provenance:
     Attributes:
         robot, base, tip: File name of the URDF, and the ends of the chain.
         statics: ``"nominal"`` or ``"equilibrium"``.
-        seed: 64-bit seed of all samples.
+        seed: 64-bit seed of all samples; None for an analysis that draws nothing.
         assumed: Labels of the sources that the sheet marks as assumptions.
         sources: Number of sources.
         origins, origins_at: Fraction of the first-order variance of position and attitude by provenance, empty where
@@ -44,7 +44,7 @@ class Provenance:
     base: str
     tip: str
     statics: str
-    seed: int
+    seed: int | None
     assumed: tuple[str, ...] = ()
     sources: int = 0
     origins: OriginShares = field(default_factory=dict)
@@ -52,7 +52,7 @@ class Provenance:
     versions: Mapping[str, str] = field(default_factory=versions, compare=False)
 
     @classmethod
-    def of(cls, error_model: ErrorModel, seed: int) -> Provenance:
+    def of(cls, error_model: ErrorModel, seed: int | None = None) -> Provenance:
         """Return the provenance of a model's analysis."""
         chain = error_model.chain
         arm = (os.path.basename(chain.robot.file), chain.base, chain.tip_label, error_model.statics)
@@ -60,7 +60,8 @@ class Provenance:
         shares: OriginShares = {}
         if first and any(error_model.origins.values()):
             shares = origin_shares(error_model.origins, next(error_model.at_columns(error_model.poses[first][:, None])))
-        return cls(*arm, int(seed), error_model.assumed, len(error_model.sources), shares, first if shares else "")
+        drawn = seed if seed is None else int(seed)
+        return cls(*arm, drawn, error_model.assumed, len(error_model.sources), shares, first if shares else "")
 
     @property
     def arm(self) -> str:

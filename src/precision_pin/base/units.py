@@ -158,6 +158,9 @@ def parse(text: object, *quantities: Quantity) -> float:
 def parse_probability(text: str) -> float:
     """Return a probability, written ``95 %`` or ``0.95``."""
     value = parse(text, RATIO)
+    if split(text)[1] == "ppm":
+        inside = f"; write '{100 * (1 - value):.10g} %'" if 0 < value < 1 else ""
+        raise UnitError(f"ppm is for a share of failures, and the probability is the share of robots inside{inside}")
     if 0 < value < 1:
         return value
     allowed = "the probability must lie above 0 and below 1 (or 100 %)"

@@ -172,7 +172,7 @@ def _at_poses(declaration: Declaration, asked: Asked) -> Job:
 
     where = [pose.where for pose in poses]
     return Job(
-        partial(declaration.run, model, where, seed=asked.options["seed"], findings=sheet.findings, **arguments),
+        partial(declaration.run, model, where, seed=asked.options.get("seed"), findings=sheet.findings, **arguments),
         (model,),
         declaration.count_steps(model.space, len(poses), arguments),
         unit=declaration.unit,

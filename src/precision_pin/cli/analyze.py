@@ -99,9 +99,9 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     outputs.check()
     outputs.refuse_inputs(pose_files(arm))
     sheet = read_sheet(arm, outputs)
-    error_model = ErrorModel.from_sheet(sheet)
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)
+    error_model = ErrorModel.from_sheet(sheet)
     if len(poses) > 1:
         for_one = {"--until": until, "--relative-to": relative_to}
         given = [option for option, value in for_one.items() if value]

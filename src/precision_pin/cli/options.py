@@ -126,7 +126,9 @@ model_option: Final = sampling_option(
     help="The exact displaced chain, or superposition as in the paper.",
 )
 beyond_limits_option: Final = pose_option(
-    "--beyond-limits", is_flag=True, help="Judge also where joints are outside their limits, or faster than these."
+    "--beyond-limits",
+    is_flag=True,
+    help="Judge also where poses are not reached, or joints outside their limits or too fast.",
 )
 spec_option: Final = together(
     click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."),

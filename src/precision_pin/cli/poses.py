@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -204,7 +203,7 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
         raise InputError.of("E_GRID", f"{len(poses):,} poses; at most {most:,} are allowed here", file)
     below = grid.singular_below
     stated = f" (singular: smallest singular value below {below:g})" if "singular" in poses.status else ""
-    echo_note(f"{file}: {len(poses):,} poses: {_counted(poses.status)}{stated}")
+    echo_note(f"{file}: {len(poses):,} poses: {poses.counts}{stated}")
     for note in sheet.chain.collision_notes if poses.obstructed else ():
         echo_note(str(note))
     return poses
@@ -213,22 +212,15 @@ def read_grid(sheet: Sheet, file: str, most: int = MOST_ROWS) -> PoseSet:
 def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
     known = poses.known
     if not known.any():
-        message = f"no joint values lead to any of the {len(poses):,} poses: {_counted(poses.status)}"
+        message = f"no joint values lead to any of the {len(poses):,} poses: {poses.counts}"
         raise InputError.of("E_GRID", message, file)
     kept = poses.of(known)
     asked = [AskedPose(values, name) for values, name in zip(kept.q.T, kept.names, strict=True)]
     if known.all():
         return AskedPoses(asked)
-    out = poses.of(~known)
-    first = f"first {out.names[0]!r}" if len(out) > 1 else repr(out.names[0])
-    message = f"{len(out):,} of {len(poses):,} poses are left out: {_counted(out.status)} ({first})"
-    warning = Finding("warning", "W_UNREACHED", message, file)
+    warning = Finding("warning", "W_UNREACHED", poses.unreached, file)
     echo_warnings([warning])
     return AskedPoses(asked, (warning,))
-
-
-def _counted(statuses: Sequence[str]) -> str:
-    return ", ".join(f"{count:,} {status}" for status, count in Counter(statuses).items())
 
 
 def read_path(sheet: Sheet, file: str) -> PoseSet:

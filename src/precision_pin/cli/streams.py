@@ -205,6 +205,8 @@ def shortage(error: Exception) -> InputError | None:
         message = "the system lets no more threads start (a limit of processes or memory); --threads 1 needs the fewest"
     elif isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN):
         message = f"{error.strerror}; a limit of this system or of this shell (ulimit -a)"
+    elif isinstance(error, FileNotFoundError) and os.stat(os.curdir).st_nlink == 0:
+        message = "the working folder no longer exists; run this in another one"
     elif limit is not None and limit < AMPLE:
         # libraries report it in many ways: a segment that cannot be mapped, a function without a result
         what = f"{type(error).__name__}: {error}"

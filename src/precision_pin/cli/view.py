@@ -95,7 +95,7 @@ def command(
         poses = read_poses(sheet, arm, MOST_POSES)
         if len(poses) > MOST_POSES:
             raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
-        shown, remarks = _sampled(poses, sheet, samples, arm)
+        shown, remarks = _sampled(poses, poses.noted_in(sheet), samples, arm)
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
@@ -161,7 +161,7 @@ def _sampled(
     from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.model.pose_model import origin_shares
-    from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
+    from precision_pin.model.verdict_grounds import by_both_models, exact_findings_at, grounds_at
     from precision_pin.pages.view import ViewPose
     from precision_pin.render.tables import resting_on
 
@@ -174,7 +174,7 @@ def _sampled(
             at = error_model.at(pose.where)
             here = (*at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at))
             findings.append(here)
-            grounds = grounds_at(error_model, at.posture.q[:, None])
+            grounds = grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, seed))
             table, chunks = sampler.to_arrays(at), []
             for first in range(0, samples, CHUNK):
                 count = min(CHUNK, samples - first)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -32,7 +32,7 @@ from precision_pin.sources.frame import Frame
 from precision_pin.terms import bound_source
 from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout
-from precision_pin.terms.term import Term, TermsOfPose
+from precision_pin.terms.term import Target, Term, TermsOfPose
 
 
 class ErrorModel:
@@ -370,6 +370,27 @@ class ErrorModel:
         other.approaches, other.origins, other.beyond_limits = self.approaches, self.origins, self.beyond_limits
         return other
 
+    def measured_as(self, arm: ErrorModel, is_measured: Callable[[Target], bool]) -> ErrorModel:
+        """Return the model with the sources of a measured arm for its own errors of dimensions.
+
+        Of a source at several targets all must be measured; what is drawn anew at each pose or visit stays.
+        """
+        scopes = {name: draw.scope for draw in self.space.draws for name in draw.components}
+        bare, kept = self.chain.at(np.zeros(len(self.chain.joints))), {}
+        for label, source, bound in zip(self.labels, self.sources, self.bound_sources, strict=True):
+            stays = source.is_dimensional and not all(is_measured(term.target) for term in bound.terms(bare))
+            if (left := source if stays else source.without_dimensions(label, scopes)) is not None:
+                kept[label] = left
+        used = {name for label, source in kept.items() for name in source.numbers(label)}
+        groups = tuple(group for group in self.space.correlations if used & set(group.names))
+        used |= {name for group in groups for name in group.names}
+        draws = tuple(draw for draw in self.space.draws if used & set(draw.components))
+        other = self.like(self.chain, Space(draws, groups))
+        other.sources = (*kept.values(), *arm.sources)
+        other.labels = (*kept, *(f"{label}#measured" for label in arm.labels))
+        other.assumed = tuple(label for label in self.assumed if label in kept)
+        return other
+
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
 
@@ -414,18 +435,16 @@ def every_frame(chain: Chain) -> ErrorModel:
     return ErrorModel(chain, Space(), [Frame(**place, **free) for place in places])  # type: ignore[arg-type]
 
 
-def displaced_arm(chain: Chain, placements: Array, model: ErrorModel | None = None) -> ErrorModel:
+def displaced_arm(chain: Chain, placements: Array) -> ErrorModel:
     """Return the model of an arm with other placements, each reached by fixed displacements.
 
     ``placements`` ``(n + 1, 4, 4)`` are those of the joints' seats, and last of the tip, each in the chain link before
-    it. The sources of ``model`` are kept.
+    it.
     """
-    sources: list[Source] = [] if model is None else list(model.sources)
+    sources = []
     for k, (old, new) in enumerate(zip(chain.placements, placements, strict=True)):
         moved = se3.inverse(old) @ new
         values = np.concatenate([moved[:3, 3], se3.log_rotation(moved[:3, :3])]).tolist()
         place = {"joint": chain.joint_names[k]} if k < len(chain.joints) else {"frame": chain.tip}
         sources.append(Frame(**place, **dict(zip(_NAMES, values, strict=True))))
-    if model is None:
-        return ErrorModel(chain, Space(), sources)
-    return ErrorModel(chain, model.space, sources, model.poses, model.statics)
+    return ErrorModel(chain, Space(), sources)

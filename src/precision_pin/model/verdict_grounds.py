@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -17,56 +19,90 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.statistics import NO_SPREAD, Grounds
+from precision_pin.statistics.accumulate import quantity_values
 
 _MOST_POSES: Final = 50
 """Most poses, evenly spaced, for the fraction of variance taken as exact."""
+_ROBOTS: Final = (2**8, 2**14, 2**20)
+"""Fewest and most robots at a pose by which the linear model is compared with the exact one, and most at all poses."""
 _SPEED_SLACK: Final = 1e-6
 """Fraction by which a speed may exceed its limit: times and joint values of a file are rounded."""
 
 
 def grounds_at(
-    model: ErrorModel, values: Array, labels: Sequence[str] = (), times: NDArray[np.float64] | None = None
+    model: ErrorModel,
+    values: Array,
+    labels: Sequence[str] = (),
+    times: NDArray[np.float64] | None = None,
+    both: Iterable[tuple[Array, Array]] = (),
+    unreached: str = "",
 ) -> Grounds:
-    """Return the grounds of a verdict over poses: not judged if one is outside the joints' limits, or passed too fast.
+    """Return the grounds of a verdict over poses: not judged if one is outside limits, not reached, or passed too fast.
 
     Args:
         model: The model; with ``beyond_limits`` poses are judged wherever they are.
         values: Joint values ``(n, P)``.
         labels: Labels of several poses, for the reason.
         times: Times of a path's poses, s, ``(P,)``.
+        unreached: Which poses have no joint values; those that the model's sheet lists count too.
+        both: Robots at each pose by both models, as from :func:`by_both_models`; the largest errors count.
     """
     lost = _Lost.of(model)
     exact = () if lost is None else lost.names
+    most: tuple[Array, Array] | None = None
+    for pair in both:
+        most = pair if most is None else (np.maximum(most[0], pair[0]), np.maximum(most[1], pair[1]))
     if model.beyond_limits:
-        return Grounds("", exact)
-    return Grounds(_outside(model, values, labels) or _too_fast(model, values, times), exact)
+        return Grounds("", exact, most)
+    findings = () if model.sheet is None else model.sheet.findings
+    unreached = unreached or next((one.message for one in findings if one.code == "W_UNREACHED"), "")
+    return Grounds(_outside(model, values, labels) or unreached or _too_fast(model, values, times), exact, most)
 
 
-def grounds_at_each(model: ErrorModel, values: Array, labels: Sequence[str]) -> list[Grounds]:
-    """Return the grounds of a verdict at each of many poses ``(n, P)``."""
+def by_both_models(
+    models: Iterable[PoseModel], sampled: str, seed: int, poses: int = 1
+) -> Iterator[tuple[Array, Array]]:
+    """Yield the eight absolute quantities of robots at each pose by the linear and the exact model, ``(8, n)`` each.
+
+    Nothing where the exact model is sampled. Infinite where that has no error, as its rotations are too large.
+    """
+    robots = max(_ROBOTS[0], min(_ROBOTS[1], _ROBOTS[2] // poses))
+    for pose, at in enumerate(models if sampled == "linear" else ()):
+        x, exact = at.space.sample(seed, 0, robots, pose=pose), np.full((8, robots), np.inf)
+        with suppress(InputError):
+            exact = np.abs(quantity_values(at.exact(x)))
+        yield np.abs(quantity_values(at.linear(x))), exact
+
+
+def grounds_at_each(
+    model: ErrorModel, values: Array, labels: Sequence[str], both: Iterable[tuple[Array, Array]] = ()
+) -> list[Grounds]:
+    """Return the grounds of a verdict at each of many poses ``(n, P)``; see :func:`grounds_at`."""
     inside = grounds_at(model, values[:, :0])
-    outside = np.asarray(model.chain.configurations.outside(values).any(axis=0)) & np.full(1, not model.beyond_limits)
-    return [
+    limited, at = model.chain.limited(values)
+    outside = np.asarray(limited.outside(at).any(axis=0)) & np.full(1, not model.beyond_limits)
+    found = [
         replace(inside, not_judged=_outside(model, values[:, [pose]], [labels[pose]])) if is_outside else inside
         for pose, is_outside in enumerate(outside.tolist())
     ]
+    return [replace(one, both=errors) for one, errors in zip_longest(found, both)]
 
 
 def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> str:
     """Return which joint is outside its limits first, at poses ``(n, P)``, or empty."""
-    chain = model.chain
-    outside = chain.configurations.outside(values)
+    limited, values = model.chain.limited(values)
+    outside = limited.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
     if not poses.size:
         return ""
     pose = int(poses[0])
     k = int(np.flatnonzero(outside[:, pose])[0])
-    low, high = (float(ends[k]) for ends in chain.configurations.limits)
-    scale, unit = _unit(bool(chain.prismatic[k]))
+    low, high = (float(ends[k]) for ends in limited.limits)
+    scale, unit = _unit(limited.joints[k].kind == "prismatic")
     where = f" at {visible(labels[pose])}" if labels else ""
     more = f", and so are joints at {poses.size - 1:,} more of {values.shape[1]:,} poses" if poses.size > 1 else ""
     return (
-        f"{visible(chain.joint_names[k])} is outside its limits{where}: {scale * values[k, pose]:.7g} {unit}, "
+        f"{visible(limited.names[k])} is outside its limits{where}: {scale * values[k, pose]:.7g} {unit}, "
         f"limits {scale * low:.7g} to {scale * high:.7g} {unit}{more}"
     )
 

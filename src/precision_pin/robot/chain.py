@@ -226,6 +226,26 @@ class Chain(Fixed):
         """Reader of joint values of the chain."""
         return Configurations(self.joints)
 
+    @property
+    def kinematics(self) -> dict[str, str]:
+        """Ends and hash of the robot's joints, by which a result knows its robot again."""
+        return {"base": self.base, "tip": self.tip, "hash": self.robot.kinematics(self.base, self.tip)}
+
+    def limited(self, values: Array) -> tuple[Configurations, Array]:
+        """Return all joints whose limits a configuration must keep, and their values at configurations ``(n, P)``.
+
+        After the chain's joints: those locked between base and tip, and those that mimic a joint of the chain.
+        """
+        joints, rows, known = [*self.joints], [*values], dict(zip(self.joint_names, values, strict=True))
+        way = self.robot.path(self.base, self.tip)
+        for joint in self.robot.joints:
+            if joint in way and joint.name in self.locked:
+                rows.append(np.full(values.shape[1], self.locked[joint.name]))
+            elif joint.mimic is not None and joint.mimic.joint in known:
+                rows.append(joint.mimic.multiplier * known[joint.mimic.joint] + joint.mimic.offset)
+            joints += [joint] * (len(rows) - len(joints))
+        return Configurations(tuple(joints)), np.array(rows)
+
     def configuration(self, q: ArrayLike | Mapping[str, float]) -> Array:
         """Return joint values ``(n,)`` in chain order, given in that order or by name.
 
@@ -556,11 +576,12 @@ class Posture:
                     f"{values[joint.name]:.6g}, with the weight beyond it; lock it at another value if that matters"
                 )
                 found.append(Finding("warning", "W_MIMIC", message, file, joint.line))
-        for k in np.flatnonzero(self.chain.configurations.outside(self.q[:, None])):
-            joint = self.chain.joints[k]
+        limited, at = self.chain.limited(self.q[:, None])
+        for k in np.flatnonzero(limited.outside(at)):
+            joint = limited.joints[k]
             assert joint.limit is not None
             scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
-            actual, low, high = (f"{scale * x:.6g}" for x in (self.q[k], joint.limit.lower, joint.limit.upper))
+            actual, low, high = (f"{scale * x:.6g}" for x in (at[k, 0], joint.limit.lower, joint.limit.upper))
             message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"
             found.append(Finding("warning", "W_JOINT_LIMIT", message, file, joint.line))
         return (*found, *_collision_findings(self.chain, self.q[:, None], ()))
@@ -692,14 +713,15 @@ def _named(links: Iterable[str], joints: Iterable[Joint]) -> set[str]:
 def pose_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
     """Return warnings if poses ``(n, P)`` are outside the joints' limits, or if the arm hits something there."""
     found = _collision_findings(chain, values, names)
-    outside = chain.configurations.outside(values)
+    limited, values = chain.limited(values)
+    outside = limited.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
     if not poses.size:
         return found
     first = int(poses[0])
     name = (names[first] if names else "") or f"pose {first + 1}"
     k = int(np.flatnonzero(outside[:, first])[0])
-    joint = chain.joints[k]
+    joint = limited.joints[k]
     message = (
         f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
         f"{joint.name} at {values[k, first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"

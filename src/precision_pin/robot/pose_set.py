@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -122,6 +123,20 @@ class PoseSet:
             }
             for pose, name in enumerate(self.names)
         ]
+
+    @property
+    def unreached(self) -> str:
+        """Number, statuses and first name of the poses without joint values; empty without any."""
+        if self.known.all():
+            return ""
+        out = self.of(~self.known)
+        first = f"{'first ' * (len(out) > 1)}{out.names[0]!r}"
+        return f"{len(out):,} of {len(self):,} poses are left out: {out.counts} ({first})"
+
+    @property
+    def counts(self) -> str:
+        """How many poses have each status, as text."""
+        return ", ".join(f"{count:,} {status}" for status, count in Counter(self.status).items())
 
     @property
     def known(self) -> NDArray[np.bool_]:

@@ -39,8 +39,8 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.robot.configurations import written_approach
 from precision_pin.sampling.blocks import Work
 from precision_pin.sampling.poses_result import POSE_ARRAYS
-from precision_pin.statistics import State
-from precision_pin.statistics.accumulate import LARGEST
+from precision_pin.statistics import Plan, State
+from precision_pin.statistics.accumulate import LARGEST, is_consistent
 
 if TYPE_CHECKING:
     from precision_pin.robot.chain import Posture
@@ -282,6 +282,17 @@ def _check_samples(state: State) -> None:
 
 
 SAMPLES: Final = Codec[State](_check_samples, "samples")
+
+
+def samples_of(plan: Plan) -> Codec[State]:
+    """Return what a journal must know of states of a plan, whose statistics must agree with their histograms."""
+
+    def check(state: State) -> None:
+        _check_samples(state)
+        if not is_consistent(plan, state):
+            raise ValueError("its statistics contradict its histograms")
+
+    return replace(SAMPLES, check=check)
 
 
 def _leaves(state: Any) -> dict[str, Any]:

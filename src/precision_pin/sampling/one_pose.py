@@ -23,7 +23,7 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel, origin_shares
-from precision_pin.model.verdict_grounds import exact_findings_at, grounds_at
+from precision_pin.model.verdict_grounds import by_both_models, exact_findings_at, grounds_at
 from precision_pin.robot.configurations import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import (
     PILOT,
@@ -35,7 +35,7 @@ from precision_pin.sampling.blocks import (
     planned,
     reach,
 )
-from precision_pin.sampling.journal import SAMPLES, Journal, check_saving, identity, opened
+from precision_pin.sampling.journal import Journal, check_saving, identity, opened, samples_of
 from precision_pin.sampling.result import Correlated, MonteCarloResult, RelativeTo, Until
 from precision_pin.sampling.workers import MOST_WORKERS, Submitter, Workers, available_cores, chosen, in_order
 from precision_pin.statistics import (
@@ -49,6 +49,7 @@ from precision_pin.statistics import (
     observe,
     start,
 )
+from precision_pin.statistics.accumulate import quantity_values
 from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
@@ -160,7 +161,7 @@ def monte_carlo(
         if journal is not None:
             known = {**identity(work, at.posture, files or {}), "until": "; ".join(until)}
             kept_in, state = stack.enter_context(
-                opened(journal, known, state, SAMPLES, resume=resume, tell=tell or do_nothing)
+                opened(journal, known, state, samples_of(plan), resume=resume, tell=tell or do_nothing)
             )
             if state.count:
                 step(state.count)
@@ -174,7 +175,9 @@ def monte_carlo(
     spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
     summary = finish(plan, sampling.state, confidence, spread=spread)
     if specifications:
-        summary = summary.with_grounds(grounds_at(error_model, at.posture.q[:, None]))
+        summary = summary.with_grounds(
+            grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, int(seed)))
+        )
     precisions = [reached(wanted, summary) for wanted in targets]
     found = (
         *at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at),
@@ -497,7 +500,11 @@ def relative(
     label = error_model.pose_name(other)
     both = np.column_stack([pair.at.posture.q, pair.other.posture.q])
     names = (error_model.pose_name(pose) or "the pose", label or "the pose relative to which errors are taken")
-    summary = summary.with_grounds(grounds_at(error_model, both, names))
+    grounds = grounds_at(error_model, both, names)
+    if model == "linear":
+        linear, exact = (np.abs(quantity_values(one.errors(0, BLOCK))) for one in (pair, replace(pair, model="exact")))
+        grounds = replace(grounds, both=(linear, exact))
+    summary = summary.with_grounds(grounds)
     found = (
         *pair.at.findings(model), *error_model.statics_findings(pair.at),
         *exact_findings_at(error_model, pair.at),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -17,7 +17,7 @@ from precision_pin.base.errors import Finding
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.verdict_grounds import grounds_at_each
+from precision_pin.model.verdict_grounds import by_both_models, grounds_at, grounds_at_each
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
@@ -244,8 +244,12 @@ class PosesResult(Record, JsonResult):
     def specification_results(self) -> tuple[PosesSpecification, ...]:
         """Each specification over all poses, judged at each as for a single pose."""
         labels, varying = tuple(pose_labels(self.names)), self._varying()
-        grounds = grounds_at_each(self.error_model, self.q, labels)
+        models = self.error_model.at_columns(self.q, self.approaches)
+        both = by_both_models(models, self.model if self.specifications else "", self.seed, self.poses)
+        grounds = grounds_at_each(self.error_model, self.q, labels, both)
         of_all = next((one for one in grounds if one.not_judged), grounds[0])
+        pairs = [one.both for one in grounds if one.both is not None]
+        of_all = replace(of_all, both=grounds_at(self.error_model, self.q[:, :0], both=pairs).both)
 
         def judged(
             rank: int, share: float, interval: tuple[float, float], varies: object, on: Grounds

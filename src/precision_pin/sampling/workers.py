@@ -278,10 +278,11 @@ class _Task:
         """Return the task's value or raise its exception; raise ConnectionError if the scheduler is lost."""
         while True:
             done, _ = wait([self._future], timeout=_CHECK_INTERVAL)
+            # the client cancels all tasks once it gives the scheduler up
+            if self._client.status != "running" and (not done or self._future.cancelled()):
+                raise ConnectionError("the scheduler is lost")
             if done:
                 return self._future.result()
-            if self._client.status != "running":
-                raise ConnectionError("the scheduler is lost")
 
     def cancel(self) -> None:
         """Cancel the task."""
@@ -345,7 +346,8 @@ def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
     except ImportError:
         raise InputError("Dask is not installed (pip install 'precision-pin[dask]')") from None
     # errors reach the user as exceptions; the log would repeat them with tracebacks
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [one for one in logging.root.manager.loggerDict if one.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     client: Any = None
     try:
         # with an invalid address the client takes twenty seconds to close and prints a traceback

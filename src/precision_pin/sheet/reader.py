@@ -23,6 +23,7 @@ from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Estimates, Extension, LabelledSpace, Space
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.configurations import Approach
+from precision_pin.robot.urdf import Robot
 from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
@@ -32,7 +33,7 @@ from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text, written_yaml
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, labels, load_posture, own_draws
-from precision_pin.terms.source import Source
+from precision_pin.terms.source import Source, setting_fields
 
 LARGEST_FILE: Final = 4 * 2**20
 _MOST_NAMED: Final = 4
@@ -193,7 +194,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     estimates = None
     if document.calibrated is not None and document.calibrated != "none" and not findings.found:
         estimates = _estimates(
-            document.calibrated, space.including(own_draws(listed, names)), folder, findings, unchanged
+            document.calibrated, chain.robot, space.including(own_draws(listed, names)), folder, findings, unchanged
         )
     given, measurements = document.measurement, []
     for k, entry in enumerate(given if isinstance(given, list) else [] if given is None else [given]):
@@ -224,11 +225,15 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
 
 
 def _estimates(
-    calibrated: str, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
+    calibrated: str, robot: Robot, space: Space, folder: FilePath, findings: Findings, unchanged: Sheet | None
 ) -> Estimates | None:
     """Return the estimates of the sheet's calibration, except numbers that a change has set."""
     with findings.taking("calibrated"):
-        estimates = read_estimates(calibrated, folder)
+        data = read_calibration(folder / calibrated, f"calibrated: {calibrated}", robot)
+        if "kinematics" not in data:
+            message = f"{calibrated} is of a {data['robot']} by name only; let this version of calibrate write it again"
+            findings.warning(("calibrated",), message, "W_CALIBRATED_ROBOT")
+        estimates = read_estimates(data, calibrated)
         before = space if unchanged is None else unchanged.whole_space
         if edited := estimates.edited(before):
             findings.warning(("calibrated",), _edited(estimates, edited), "W_TEXT_MEASURED")
@@ -352,7 +357,12 @@ def _sources(
             broken[*path, name] = settings
             continue
         try:
-            sources[k] = known[name](**{field: getattr(valid, field) for field in model.model_fields})
+            source = known[name](**{field: getattr(valid, field) for field in model.model_fields})
+            numbers = [field.name for field in setting_fields(known[name]) if field.may_be_random]
+            is_given = any(number in settings or getattr(source, number) for number in numbers)
+            if source.deviations and not is_given and not source.own_draws(""):
+                raise InputError(f"{name} without a number does nothing; give one or more of {', '.join(numbers)}")
+            sources[k] = source
         except InputError as error:
             findings.take((*path, name), error)
             broken[*path, name] = settings
@@ -441,19 +451,36 @@ def _ratio(value: Any, where: Path) -> float:
 _RESULT_SCHEMA: Final = "precision-pin/calibration/1"
 
 
-def read_estimates(file: str, folder: FilePath) -> Estimates:
-    """Return the estimates in JSON written by ``calibrate``."""
-    path = folder / file
+def read_calibration(path: FilePath, name: str, robot: Robot) -> dict[str, Any]:
+    """Return the JSON that ``calibrate`` wrote; ``name`` begins messages. Raises InputError for another robot's."""
     try:
         data = json.loads(read_text_file(path, 64 * 2**20))
     except UnreadableFileError as error:
-        raise InputError(f"calibrated: {file} {error.reason}") from None
+        raise InputError(f"{name} {error.reason}") from None
     except (ValueError, RecursionError):
-        raise InputError(f"calibrated: {file} is not JSON; calibrate --json writes it") from None
+        raise InputError(f"{name} is not JSON; calibrate --json writes it") from None
     note_input(path)
-    schema = data.get("schema") if isinstance(data, dict) else None
-    if schema != _RESULT_SCHEMA:
-        raise InputError(f"calibrated: {file} is no result of calibrate ({_RESULT_SCHEMA}); calibrate --json writes it")
+    if not isinstance(data, dict) or data.get("schema") != _RESULT_SCHEMA:
+        raise InputError(f"{name} is no result of calibrate ({_RESULT_SCHEMA}); calibrate --json writes it")
+    check_calibrated_robot(data, name, robot)
+    return data
+
+
+def check_calibrated_robot(data: Mapping[str, Any], name: str, robot: Robot) -> None:
+    """Raise InputError if a result of ``calibrate`` is of a robot with other joints, or other names in old results."""
+    file, of = os.path.basename(robot.file), str(data.get("robot"))
+    try:
+        base, tip, known = (data["kinematics"][key] for key in ("base", "tip", "hash"))
+        is_same = robot.kinematics(base, tip) == known
+    except (InputError, KeyError, TypeError):
+        is_same = "kinematics" not in data and of == file
+    if not is_same:
+        why = "joints and tip are placed otherwise" if of == file else f"it is of {of}"
+        raise InputError(f"{name} is not of this {file}: {why}; calibrate this robot, or give the other one's URDF")
+
+
+def read_estimates(data: dict[str, Any], file: str) -> Estimates:
+    """Return the estimates in JSON that ``calibrate`` wrote to a file."""
     try:
         names = tuple(map(str, data["posterior"]["names"]))
         mean = np.array([data["posterior"]["mean"][name] for name in names], dtype=float)

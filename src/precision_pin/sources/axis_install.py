@@ -33,6 +33,7 @@ class AxisInstall(Source):
     """
 
     depends_on: ClassVar[Dependence] = "chain"
+    is_dimensional: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {"A": "axis of {subject}, bearing A", "B": "axis of {subject}, bearing B"}
 
     joint: str

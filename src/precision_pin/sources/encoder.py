@@ -54,6 +54,7 @@ class Encoder(Source):
     """
 
     takes_many: ClassVar[bool] = True
+    is_dimensional: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("offset", "scale")
     words: ClassVar[Mapping[str, str]] = {
         "offset": "encoder offset of {subject}",

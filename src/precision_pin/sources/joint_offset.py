@@ -21,6 +21,7 @@ class JointOffset(Source):
     """
 
     depends_on: ClassVar[Dependence] = "chain"
+    is_dimensional: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("offset",)
     words: ClassVar[Mapping[str, str]] = {"offset": "zero of {subject}"}
 

@@ -34,6 +34,7 @@ class Length(Source):
 
     takes_many: ClassVar[bool] = True
     depends_on: ClassVar[Dependence] = "configuration"
+    is_dimensional: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("parameters",)
     words: ClassVar[Mapping[str, str]] = {"parameters": "length to {subject}"}
 

@@ -33,6 +33,7 @@ class Mcpc(Source):
     """
 
     depends_on: ClassVar[Dependence] = "chain"
+    is_dimensional: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("alpha", "beta", "gamma", "x", "y", "z")
     words: ClassVar[Mapping[str, str]] = {
         **{name: f"position of {{subject}} along {name}" for name in ("x", "y", "z")},

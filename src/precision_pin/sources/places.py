@@ -126,6 +126,7 @@ class AtPlace(Source):
     """
 
     depends_on: ClassVar[Dependence] = "chain"
+    is_dimensional: ClassVar[bool] = True
 
     joint: str | None = None
     link: str | None = None

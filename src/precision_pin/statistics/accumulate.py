@@ -47,6 +47,8 @@ LARGEST: Final = 10
 # lanes and span of the compiled sampler's sums, so that both add in the same order
 _LANES: Final = 16
 _SPAN: Final = 128
+_ROUNDING: Final = 1e-9
+"""Fraction of centre and scale by which the edges of bins may be off."""
 # samples processed at a time: their arrays fit the processor's cache
 _TILE: Final = 1 << 14
 
@@ -125,6 +127,28 @@ def merge(first: State, second: State) -> State:
     sums: dict[str, Any] = {name: getattr(first, name) + getattr(second, name) for name in added}
     lowest, highest = np.minimum(first.lowest, second.lowest), np.maximum(first.highest, second.highest)
     return State(lowest=lowest, highest=highest, largest=largest, largest_units=units, **sums)
+
+
+def is_consistent(plan: Plan, state: State) -> bool:
+    """Return whether samples with the histograms of a state could have its other statistics, to rounding."""
+    if not state.count:
+        return True
+    edges = plan.scale[:, None] * sketch_edges()
+    slack = _ROUNDING * (np.abs(plan.centre) + plan.scale)
+    low, high = edges[:, :-1] - slack[:, None], edges[:, 1:] + slack[:, None]
+    ends = [(counts > 0).argmax(axis=1) for counts in (state.sketch, state.sketch[:, ::-1])]
+    rows = np.arange(8)
+    for value, column in ((state.lowest, ends[0]), (state.highest, COLUMNS - 1 - ends[1])):
+        if not ((low[rows, column] <= value - plan.centre) & (value - plan.centre <= high[rows, column])).all():
+            return False
+    for spec, inside in zip(plan.specifications, state.inside.tolist(), strict=True):
+        counts, centre, limit = state.sketch[spec.row], plan.centre[spec.row], spec.limit
+        surely = counts[(low[spec.row] >= -limit - centre) & (high[spec.row] <= limit - centre)].sum()
+        possibly = counts[(high[spec.row] >= -limit - centre) & (low[spec.row] <= limit - centre)].sum()
+        if not surely <= inside <= possibly:
+            return False
+    lowest, highest = ((np.where(state.sketch > 0, end, 0.0) * state.sketch).sum(axis=1) for end in (low, high))
+    return bool(((lowest <= state.sums) & (state.sums <= highest)).all())
 
 
 def largest_of(values: Array, units: Counts, more_values: Array, more_units: Counts) -> tuple[Array, Counts]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from statistics import NormalDist
 from typing import ClassVar, Final, Literal, final
@@ -247,12 +247,40 @@ class Grounds(Record):
     Attributes:
         not_judged: Why nothing is judged, such as a joint outside its limits; empty if a verdict can be given.
         exact: Sources and parameters whose laws a change of the sheet has replaced by single values.
+        both: Absolute values of the eight quantities of the same robots by the linear and by the exact model, ``(8, n)``
+            each, where the linear one is sampled; a result turns them into ``linear``, how far the two differ.
+        remedy: What would give a verdict.
     """
 
-    KEYS: ClassVar[Keys] = ("judged=_judged", "why_not_judged=_reason", "taken_as_exact=exact")
+    KEYS: ClassVar[Keys] = ("judged=_judged", "why_not_judged=_reason", "taken_as_exact=exact", "linear_model=linear")
 
     not_judged: str = ""
     exact: tuple[str, ...] = ()
+    both: tuple[Array, Array] | None = field(default=None, compare=False, repr=False)
+    linear: str | None = None
+    remedy: str = "--beyond-limits judges all the same"
+
+    def of_linear(self, result: SpecificationResult) -> Grounds:
+        """Return the grounds of a result of the linear model, not judged where the exact one may say otherwise."""
+        assert self.both is not None
+        linear, exact = (values[QUANTITIES.index(result.quantity)] for values in self.both)
+        kept, apart = linear <= result.limit, float(np.abs(linear - exact).max())
+        crossed = kept != (exact <= result.limit)
+        unit = "mm" if result.quantity.startswith("position") else "mrad"
+        text = (
+            f"{1e3 * apart:.3g} {unit} from the exact one, {crossed.sum():,} of {kept.size:,} robots on the other side"
+        )
+        # at most so many leave, or enter, the limits
+        leave, enter = (
+            clopper_pearson(int((crossed & side).sum()), kept.size, 0.95)[1] if apart > NO_SPREAD else 0.0
+            for side in (kept, ~kept)
+        )
+        low, high = result.interval
+        changes = {"met": low - leave < result.required, "not met": high + enter >= result.required}
+        if not changes.get(result.verdict, False):
+            return replace(self, both=None, linear=text)
+        why = f"the linear model is up to {text}"
+        return replace(self, both=None, linear=text, not_judged=why, remedy="--model exact judges")
 
     def said(self, verdict: Verdict) -> str:
         """Return a verdict in capitals, with the reason for not judging or with what it takes as exact."""
@@ -263,12 +291,13 @@ class Grounds(Record):
     @property
     def why(self) -> str:
         """Why nothing is judged, and how to judge all the same; empty if a verdict can be given."""
-        return f"{self.not_judged}; --beyond-limits judges all the same" if self.not_judged else ""
+        return f"{self.not_judged}; {self.remedy}" if self.not_judged else ""
 
     @property
     def taken(self) -> str:
-        """Text after the word "met": `` with … taken as exact``, or empty."""
-        return f" with {', '.join(map(visible, self.exact))} taken as exact" if self.exact else ""
+        """Text after the word "met": `` by the linear model …`` or `` with … taken as exact``, or empty."""
+        linear = f" by the linear model, up to {self.linear}" if self.linear else ""
+        return linear + (f" with {', '.join(map(visible, self.exact))} taken as exact" if self.exact else "")
 
     @property
     def _judged(self) -> bool:
@@ -306,6 +335,10 @@ class SpecificationResult(Record):
     interval: tuple[float, float]
     varies: bool = True
     grounds: Grounds = NO_GROUNDS
+
+    def __post_init__(self) -> None:
+        if self.grounds.both is not None:
+            object.__setattr__(self, "grounds", self.grounds.of_linear(self))
 
     @property
     def verdict(self) -> Verdict:

@@ -19,7 +19,7 @@ from precision_pin.base.arguments import check_choice, check_number, check_text,
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.units import PerJoint, Quantity
-from precision_pin.draws.draw import Draw
+from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
 from precision_pin.draws.space import LabelledSpace, entry_name
@@ -232,6 +232,28 @@ class Source(ABC):
 
     deviations: ClassVar[tuple[str, ...]] = ()
     """Settings that are deviations from nominal: a plain number other than zero is a constant error."""
+
+    is_dimensional: ClassVar[bool] = False
+    """Whether its `deviations`, or else its own draws, are errors of the arm's dimensions, as a maker measures them."""
+
+    def without_dimensions(self, label: str, scopes: Mapping[str, Scope]) -> Source | None:
+        """Return the source without the dimensional errors that each robot has once; None if nothing is left.
+
+        ``scopes`` are those of all random numbers, by name.
+        """
+        if not self.is_dimensional:
+            return self
+        own, changed = self.own_draws(label), {}
+        left = bool(own) if self.deviations else any(draw.scope is not Scope.UNIT for draw in own)
+        for name in self.deviations:
+            leaves = [leaf for leaf in _leaves(self, label) if leaf.entry == name]
+            again = tuple(
+                leaf.value for leaf in leaves if any(scopes[number] is not Scope.UNIT for number in leaf.numbers())
+            )
+            value = getattr(self, name)
+            left = left or bool(again)
+            changed[name] = again if isinstance(value, tuple) else again[0] if again else value and 0.0
+        return dataclasses.replace(self, **changed) if left else None  # type: ignore[type-var]
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the draws, with quantities, that the source defines besides the laws in its settings."""

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import paper_model
-from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.examples import example_urdfs, shipped_sheets
 from precision_pin.robot.ur_kinematics import MODELS, nominal_ur, read_ur_calibration
 from support.plain_robot import inserted, joint, link, robot
 from support.refusals import check_refused
@@ -135,10 +135,43 @@ def test_differences_of_parameters_make_the_arm_of_their_matrices(tmp_path):
     other, q = pp.ur_calibration(conf, ur5("base_link", "ee_link")), np.arange(6) / 3
     turned = Rotation.from_euler("z", np.pi).apply(found.predict(q)[:3, 3])
     np.testing.assert_allclose(other.predict(q)[:3, 3], turned, atol=1e-9)
-    # sources of a model stay beside it
-    offset = pp.sources.JointOffset(joint=chain.joint_names[2], offset=pp.Normal(1e-4))
-    model = pp.ErrorModel(chain, pp.Space(), [offset])
-    assert pp.ur_calibration(conf, model).model.space.components == model.space.components
+    # beside a sheet with means and spreads of the same dimensions too, whose base is turned as well
+    beside = pp.ur_calibration(conf, pp.ErrorModel.load(shipped_sheets()["ur5"]))
+    np.testing.assert_allclose(beside.predict(q)[:3, 3], turned, atol=1e-9)
+    beside.to_urdf(urdf)
+    np.testing.assert_allclose(tip_by_pinocchio(urdf, q), found.predict(q), rtol=0, atol=1e-9)
+
+
+def test_what_the_factory_measured_leaves_the_sheet(tmp_path):
+    """Means and spreads of the same dimensions go; what is drawn anew, what carries the arm and what it carries stay."""
+    urdf = urdf_of("UR5", tmp_path)
+    hand = link("hand") + joint("wrist", "fixed", "tool0", "hand", (0, 0, 0.2))
+    urdf.write_text(urdf.read_text().replace("</robot>", f"{hand}</robot>"))
+    chain, s = pp.Chain.from_urdf(urdf, "hand", "base"), pp.sources
+    law, again = pp.Normal(1e-3, mean=2e-3), pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)
+    measured = [
+        s.Length(joint="upper_arm_joint", along="z of shoulder_joint", parameters=["d1", 1e-3]),
+        s.Frame(joint="forearm_joint", z=2e-3, rx=law),
+        s.Frame(frame="tool0", x=law),
+        s.AxisInstall(joint="wrist_1_joint", radius=1e-3, span=0.1),
+        s.Covariance(joint="wrist_2_joint", std=(1e-3,) * 6, mean=(1e-3,) * 6),
+        s.JointOffset(joint="wrist_1_joint", offset=law),
+        s.Mcpc(link="upper_arm_link", y=law),
+    ]
+    stays = [
+        s.Frame(joint="wrist_3_joint", x=again, y=law),
+        s.Encoder(joint="shoulder_joint", offset=law, amplitude=1e-3),
+        s.Frame(frame="base", x=pp.Normal(2e-4)),
+        s.Frame(frame="hand", y=pp.Normal(3e-4)),
+    ]
+    model = pp.ErrorModel(chain, pp.Space((pp.Draw("d1", law),)), measured + stays)
+    built, q = pp.ur_calibration(write_conf(tmp_path), model), np.arange(6) / 3
+    left = {draw.name for draw in built.model.space.draws}
+    assert left == {"again", "encoder[shoulder_joint].phase", "frame[base].x", "frame[hand].y"}
+    at, tip = built.model.at(q), (dh_flange(q) @ dh_matrix(0, 0, 0.2, 0))[:3, 3]
+    np.testing.assert_allclose(built.predict(q)[:3, 3], tip, rtol=0, atol=1e-9)
+    moved = at.exact(built.model.space.mean[:, None])[:3, 0]
+    np.testing.assert_allclose(at.posture.pose[:3, 3] + moved, tip, rtol=0, atol=1e-9)
 
 
 def test_the_yaml_of_the_ros_driver_is_read_as_urdf_readers_do(tmp_path):

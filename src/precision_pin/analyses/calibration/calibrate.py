@@ -97,7 +97,7 @@ class CalibrationResult(PosesOutcome):
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
         *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "in_sheet", "intervals"),
         *("poses", "residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
-        *("improvement", "noise", "lines=data.lines", "data=given", "findings"),
+        *("improvement", "noise", "lines=data.lines", "data=given", "kinematics=original.chain.kinematics", "findings"),
     )
 
     has_prior: bool

@@ -26,7 +26,7 @@ from precision_pin.base import se3, units
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_number, check_path
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, UnitError, some, visible
-from precision_pin.base.files import UnreadableFileError, note_input, read_text_file, write_files
+from precision_pin.base.files import write_files
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
 from precision_pin.export.as_built import AsBuilt
@@ -34,9 +34,10 @@ from precision_pin.model.error_model import ErrorModel, displaced_arm
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
 from precision_pin.sheet.measurement import Measurement
+from precision_pin.sheet.reader import check_calibrated_robot, read_calibration
 from precision_pin.sheet.settings import TOLERANCE_PATTERN
+from precision_pin.terms.term import JointValue, Target
 
-_LARGEST: Final = 64 * 2**20
 _FEW: Final = 10
 """Robots below which a warning says that intervals are wide."""
 _UNSEEN: Final = 1e-3
@@ -225,9 +226,10 @@ def _evidence(
     found, file = None, "a calibration"
     if isinstance(robot, CalibrationResult):
         found = robot.to_dict()
+        check_calibrated_robot(found, file, model.chain.robot)
     elif isinstance(robot, str | os.PathLike) and Path(robot).suffix.lower() == ".json":
         file = os.fspath(robot)
-        found = _read(file)
+        found = read_calibration(Path(file), f"the calibration {file}", model.chain.robot)
     if found is not None:
         if "data" not in found or (found.get("prior") and not found.get("at_bounds")):
             return _of_calibration(model, unit, found, file)
@@ -239,19 +241,6 @@ def _evidence(
     target = used.whiten(used.residuals(best.z, best.nuisances)) + by_number @ numbers
     projected, _ = design.project_out(by_number, by_nuisance)
     return projected.T @ projected, projected.T @ target
-
-
-def _read(file: str) -> dict[str, Any]:
-    try:
-        data = json.loads(read_text_file(file, _LARGEST))
-    except UnreadableFileError as error:
-        raise InputError(f"the calibration {file} {error.reason}") from None
-    except (ValueError, RecursionError):
-        data = None
-    note_input(file)
-    if not isinstance(data, dict) or data.get("schema") != CalibrationResult.schema:
-        raise InputError(f"{file} is no result of calibrate ({CalibrationResult.schema}); calibrate --json writes it")
-    return data
 
 
 def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, ...]) -> CalibrationData:
@@ -587,7 +576,8 @@ class FactoryCalibration(Outcome):
     Attributes:
         file, checksum: The file, and its ``hash`` or an empty text.
         kind: The model of UR, such as ``"UR5e"``.
-        model: The built arm: fixed displacements at each joint and at the tip, beside the sources of the given model.
+        arm, model: The built arm: fixed displacements at each joint and at the tip; with the sources of the given model,
+            but for errors of dimensions that the factory measured (those of base and tool stay).
         displacements: These displacements, ``[d; δ]`` in the axes of each seat, m and rad, ``(7, 6)``; the last is the
             tip's.
         rms_position, largest_position: Distance of the tip from the nominal robot over 200 random poses, m.
@@ -602,6 +592,7 @@ class FactoryCalibration(Outcome):
     file: str
     checksum: str
     kind: str
+    arm: ErrorModel
     model: ErrorModel
     displacements: Array
     rms_position: float
@@ -614,9 +605,9 @@ class FactoryCalibration(Outcome):
         return dict(zip((*chain.joint_names, chain.tip), self.displacements, strict=True))
 
     def predict(self, q: ArrayLike | Mapping[str, float] | str | None = None) -> Array:
-        """Return the tip of the built arm in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
-        at = self.model.at(q)
-        return se3.displaced(at.posture.pose, at.exact(self.model.space.mean[:, None])[:, 0])
+        """Return the tip by the file alone in the base, ``(4, 4)``; ``q`` as for :meth:`ErrorModel.at`."""
+        at = self.arm.at(self.model.configuration(q))
+        return se3.displaced(at.posture.pose, at.exact(np.zeros((0, 1)))[:, 0])
 
     def to_urdf(self, path: str | os.PathLike[str]) -> None:
         """Write the built arm as a URDF, with nothing of the model but the factory calibration.
@@ -626,10 +617,8 @@ class FactoryCalibration(Outcome):
             InputError: The robot's file has changed.
         """
         name = check_path("the path of the URDF", path)
-        chain = replace(self.model.chain, obstacles=None)
-        bare = displaced_arm(chain, chain.placements @ np.array([se3.displacement(one) for one in self.displacements]))
-        writer = AsBuilt.prepare(bare, np.zeros(6))
-        write_files({name: writer.fitted(np.zeros(bare.space.size))})
+        writer = AsBuilt.prepare(self.arm, np.zeros(6))
+        write_files({name: writer.fitted(np.zeros(0))})
 
     def __repr__(self) -> str:
         return (
@@ -659,7 +648,18 @@ def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> F
     if found.is_whole:
         _refuse_other_model(name, kind, found, q)
     placements = _placements(chain, kind, base, found, name)
-    model = displaced_arm(chain, placements, robot if isinstance(robot, ErrorModel) else None)
+    arm = displaced_arm(replace(chain, obstacles=None), placements)
+    from_flange = se3.inverse(base @ nominal_ur(kind).flange) @ _seats(chain)[5]
+
+    def is_measured(target: Target) -> bool:
+        # not where the arm stands, nor what it carries
+        if isinstance(target, JointValue) or 0 < target.link < 6:
+            return True
+        pose = from_flange if target.link else se3.inverse(base)
+        height = float((pose @ target.frame)[2, 3])
+        return height < _SAME[0] if target.link else height > _SAME[0]
+
+    model = robot.measured_as(arm, is_measured) if isinstance(robot, ErrorModel) else displaced_arm(chain, placements)
     moved = [se3.inverse(old) @ new for old, new in zip(chain.placements, placements, strict=True)]
     displacements = np.array([[*one[:3, 3], *se3.log_rotation(one[:3, :3])] for one in moved])
     away = _distances(found, q, kind)[0]
@@ -668,6 +668,7 @@ def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> F
         file=os.path.basename(name),
         checksum=found.checksum,
         kind=kind,
+        arm=arm,
         model=model,
         displacements=displacements,
         rms_position=float(np.sqrt(np.mean(np.square(away)))),

@@ -36,8 +36,9 @@ def prepare(asked: Asked) -> Job:
     from precision_pin.model.error_model import ErrorModel
 
     options = asked.options
-    poses = [pose.where for pose in asked.read_poses(_MOST_POSES)]
-    models = {name: ErrorModel.from_sheet(sheet) for name, sheet in asked.sheets.items()}
+    read = asked.read_poses(_MOST_POSES)
+    poses = [pose.where for pose in read]
+    models = {name: ErrorModel.from_sheet(read.noted_in(sheet)) for name, sheet in asked.sheets.items()}
     run = partial(
         compare, models, poses, samples=options["samples"], seed=options["seed"], model=options["model"],
         specifications=options["specs"],

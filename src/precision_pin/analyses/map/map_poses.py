@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -515,8 +514,7 @@ def map_poses(
     needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + 700
     check_memory(float(needed * len(given)), f"a map of {len(given):,} poses", "map fewer of them at a time")
     if not given.known.any():
-        counts = ", ".join(f"{count:,} {status}" for status, count in Counter(given.status).items())
-        raise InputError(f"none of the {len(given):,} poses has joint values: {counts}")
+        raise InputError(f"none of the {len(given):,} poses has joint values: {given.counts}")
     reference = None if relative_to is None else error_model.at(relative_to)
     values = given.q[:, given.known]
     labels = given.labels
@@ -545,7 +543,7 @@ def map_poses(
             specifications=listed,
             judged=Judged.nothing(len(listed), len(given)),
             sources=tuple(line.name for line in lines),
-            grounds=grounds_at(error_model, values, known_labels),
+            grounds=grounds_at(error_model, values, known_labels, unreached=given.unreached),
             confidence=confidence,
             findings=known,
             warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),

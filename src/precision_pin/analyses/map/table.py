@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Final
 
 import numpy as np
@@ -34,12 +33,11 @@ def map_table(result: MapResult) -> str:
     of = result.provenance
     count = len(result.poses)
     rows = worst_rows(result)
-    counts = ", ".join(f"{number:,} {status}" for status, number in Counter(result.poses.status).items())
     poses = f"{count:,} pose{'' if count == 1 else 's'}"
     lines = [
         *answers(result),
         "",
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, map of {poses}: {counts}",
+        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, map of {poses}: {result.poses.counts}",
         f"closed form, first order, normal error, statics {of.statics}; {_sampling(result)}",
         "",
         *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),

@@ -29,7 +29,13 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.verdict_grounds import exact_findings, grounds_at, speed_findings, strained_findings
+from precision_pin.model.verdict_grounds import (
+    by_both_models,
+    exact_findings,
+    grounds_at,
+    speed_findings,
+    strained_findings,
+)
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, quantity_label
 from precision_pin.robot.chain import pose_findings
@@ -367,6 +373,8 @@ def path_law(
     # their quantile exceeds the required fraction of all robots with the stated confidence (Wilks)
     _, interval = quantile_of(sizes, share, confidence)
     top = interval[1][:, None]
+    models = error_model.at_columns(given.q, given.approaches)
+    both = by_both_models(models, model, int(seed), count)
     return PathResult(
         provenance=Provenance.of(error_model, seed),
         joints=tuple(error_model.chain.joint_names),
@@ -386,7 +394,7 @@ def path_law(
         kept_pointwise=(ratios <= 1.0).sum(axis=1),
         varies=_varying(error_model, given, varies, {one.row for one in listed}),
         specifications=listed,
-        grounds=grounds_at(error_model, given.q, given.labels, given.times),
+        grounds=grounds_at(error_model, given.q, given.labels, given.times, both if listed else ()),
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found, *strained)))),
     )

@@ -106,9 +106,9 @@ def _judged(specification: Specification, errors: Array, varies: Array, grounds:
         varies=bool(values_of(specification.quantity, varies)),
         grounds=grounds,
     )
-    text = f"{result.verdict.capitalize()}{grounds.taken if result.met else ''}: {limit_text(specification)}"
+    text = f"{result.verdict.capitalize()}{result.grounds.taken if result.met else ''}: {limit_text(specification)}"
     if result.verdict == "not judged":
-        return Answer(text, grounds.why, result.verdict)
+        return Answer(text, result.grounds.why, result.verdict)
     if result.verdict == "nothing to judge":
         return Answer(text, NOTHING_VARIES, result.verdict)
     share, low, high = format_share(result.probability, result.interval, result.required)

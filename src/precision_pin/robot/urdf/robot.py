@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 import shlex
@@ -280,6 +281,18 @@ class Robot:
             joints.append(joint)
             at = joint.parent
         return tuple(reversed(joints))
+
+    def kinematics(self, base: str, tip: str) -> str:
+        """Return a hash of the joints between two links: kinds, axes, and places at zero to 1 µm and 1 µrad."""
+        numbers, frame = [], np.eye(4)
+        for joint in rerooted(self, base).path(base, tip):
+            frame = frame @ joint.origin
+            if joint.moves:
+                numbers += [joint.kind == "prismatic", *joint.axis, *frame.ravel()]
+                frame = np.eye(4)
+        # shifted, so that no number that a file may have is at the edge of rounding
+        rounded = np.rint(1e6 * np.array([*numbers, *frame.ravel()]) + 0.3137).astype("<i8")
+        return hashlib.blake2b(rounded.tobytes(), digest_size=16).hexdigest()
 
     def link_poses(self, values: Mapping[str, float] | None = None) -> dict[str, Array]:
         """Return every link's pose ``(4, 4)`` in the root link's frame (forward kinematics).
