@@ -63,7 +63,7 @@ def _loadings(
         ]  # fmt: skip
         loaded = laden.with_loads(weights).with_tilts([(generator.normal(size=3), ())])
         yield loaded
-        bending = generator.normal(size=(links, 6)) / 30
+        bending = generator.normal(size=(links, 2, 6)) / 30
         moved = np.array([se3.displacement(row) for row in generator.normal(size=(links, 6)) / 30])
         ends = moved @ posture.link_poses @ posture.chain.placements
         yield replace(loaded, deflection=Deflection(moved @ posture.link_poses, ends, bending))

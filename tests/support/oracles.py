@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator
 from precision_pin.model.equilibrium import settle
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import Place
 from precision_pin.terms.term import JointValue, Term
@@ -110,7 +109,7 @@ def settled_errors(model: ErrorModel, q, x) -> np.ndarray:
     errors = []
     for column in np.asarray(x, dtype=float).T:
         rest = settle(posture, model.space, model._make_terms, values=column)
-        errors.append(PoseModel(posture, model.space, rest.table, rest.terms).exact(column[:, None])[:, 0])
+        errors.append(rest.alone(posture, model.space).exact(column[:, None])[:, 0])
     return np.array(errors).T
 
 

@@ -97,6 +97,16 @@ class Settled:
         loaded = np.array([term.loaded for term in self.terms], dtype=np.intp)
         return self.table.target + len(self.table.targets) * loaded
 
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """True for slots that move the tip, ``(2K,)``: all but those of links' bows."""
+        return np.array([not target.is_bow for target in self.table.targets] * 2, dtype=bool)
+
+    def alone(self, posture: Posture, space: Space) -> PoseModel:
+        """Return the model of this arm, at an undisplaced posture."""
+        terms = tuple(term for term in self.terms if not term.target.is_bow)
+        return PoseModel(posture, space, TermTable.build(posture, space, terms), terms)
+
 
 def settle(
     posture: Posture, space: Space, make_terms: MakeTerms, within: float = SETTLED, values: Array | None = None
@@ -331,11 +341,11 @@ def compute_deflection(posture: Posture, table: TermTable, displacements: Array)
     poses, ends = posture.link_poses.copy(), posture.link_poses @ posture.chain.placements
     moves = np.moveaxis(se3.displacement((unloaded + by_loads).T), -1, 0)
     back = np.moveaxis(se3.inverse(np.moveaxis(table.frames, 0, -1)), -1, 0)
-    bending = np.zeros((len(poses), 6))
+    bending = np.zeros((len(poses), 2, 6))
     moved = list(zip(table.targets, table.frames @ moves @ back, strict=True))
     for target, share in zip(table.targets, by_loads, strict=True):
-        if isinstance(target, Place) and target == posture.chain.end(target.link):
-            bending[target.link] = share
+        if isinstance(target, Place) and (target.is_bow or target == posture.chain.end(target.link)):
+            bending[target.link, int(target.is_bow)] = (share.reshape(2, 3) @ target.frame[:3, :3].T).ravel()
     motion = np.eye(4)
     for link in range(len(poses)):
         own = [(target, move) for target, move in moved if _link(target) == link]
@@ -344,7 +354,7 @@ def compute_deflection(posture: Posture, table: TermTable, displacements: Array)
                 motion = motion @ move
         poses[link] = motion @ poses[link]
         for target, move in own:
-            if isinstance(target, Place) and not target.is_start and not target.is_seat:
+            if isinstance(target, Place) and not (target.is_start or target.is_seat or target.is_bow):
                 motion = motion @ move
         ends[link] = motion @ ends[link]
         for target, move in own:
@@ -372,7 +382,7 @@ _LONGEST_PRODUCT: Final = 32
 def terms_about_rest(settled: Settled) -> tuple[Term, ...]:
     """Return the terms about v*; those not caused by loads are unchanged."""
     feedback, table = settled.feedback, settled.table
-    reacting = np.flatnonzero(feedback.loaded)
+    reacting = np.flatnonzero(feedback.loaded & settled.moving)
     if not reacting.size:
         return settled.terms
     ways = feedback.ways(table)
@@ -403,7 +413,7 @@ def _first_order_twists(settled: Settled, reacting: NDArray[np.intp], added: Arr
     # `added` `(2K, 2K, 6, 6)` is A - I: the further displacement in the first slot per displacement in the second
     sums: dict[tuple[int, Factors], Array] = {}
     for source, twist, term in zip(settled.slots.tolist(), settled.table.twists, settled.terms, strict=True):
-        if term.loaded:
+        if term.loaded and not term.target.is_bow:
             sums[source, term.factors] = sums.get((source, term.factors), 0.0) + twist
         for slot in reacting.tolist():
             sums[slot, term.factors] = sums.get((slot, term.factors), 0.0) + added[slot, source] @ twist
@@ -423,7 +433,8 @@ def _second_order_twists(
         if term.loaded and term.factors:
             share = twists.setdefault(term.factors, np.zeros((2 * len(table.targets), 6)))
             share[slot] += table.twists[row]
-            slopes[slot, term.factors] = slopes.get((slot, term.factors), 0.0) + term_slopes[row]
+            if not term.target.is_bow:
+                slopes[slot, term.factors] = slopes.get((slot, term.factors), 0.0) + term_slopes[row]
     rank = {factors: k for k, factors in enumerate(twists)}
     mean = settled.feedback.products(settled.terms)
     responses = {factors: gain @ np.einsum("mki,ki->m", ways, twist) for factors, twist in twists.items()}
@@ -484,8 +495,7 @@ def _nominal_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ..
     except InputError as error:
         # a code of its own: accepting that the arm rests elsewhere does not accept that it never rests
         return (Finding("warning", "W_NO_REST", f"{error.findings[0].message}; nominal statics hide it"),)
-    rest = PoseModel(at.posture, at.space, rest_state.table, rest_state.terms)
-    gap = float(np.linalg.norm((rest.error_at_means - at.error_at_means)[:3]))
+    gap = float(np.linalg.norm((rest_state.alone(at.posture, at.space).error_at_means - at.error_at_means)[:3]))
     if gap <= negligible:
         return ()
     message = (
@@ -508,7 +518,7 @@ def _equilibrium_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding
             except InputError as error:
                 message = f"of {_TRIED:,} robots the one with {what} {1e3 * sizes[robot]:.3g} {unit} fails: "
                 return (Finding("warning", "W_STATICS", message + error.findings[0].message),)
-            alone = PoseModel(at.posture, at.space, rest_state.table, rest_state.terms).exact(x[:, [robot]])[:, 0]
+            alone = rest_state.alone(at.posture, at.space).exact(x[:, [robot]])[:, 0]
             size = float(np.linalg.norm(alone[rows]))
             if abs(sizes[robot] - size) > allowed * size + _NEGLIGIBLE:
                 found[what] = f"{what} {1e3 * sizes[robot]:.4g} {unit} for {1e3 * size:.4g}"

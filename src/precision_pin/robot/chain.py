@@ -606,14 +606,20 @@ class Posture:
         """Return a place's pose in the base, ``(4, 4[, P])``."""
         return se3.compose(self.link_poses[place.link], place.frame)
 
+    def carrier(self, load: Load) -> Array:
+        """Return the axes of a load's chain link in the base, ``(4, 4[, P])``, moved as the bent link is at the load."""
+        if self.deflection is None:
+            return self.link_poses[load.link]
+        return self.deflection.carrier(load, self.chain.placements[load.link])
+
     def wrench_basis(self, load: Load, point: ArrayLike) -> Array:
         """Return force and moment about a point ``(3,)`` per unit of mass and first moments, ``(6, 4)``, base axes."""
-        return wrench_basis(self.loaded_link_poses[load.link] @ load.frame, self.chain.gravity, point)
+        return wrench_basis(self.carrier(load) @ load.frame, self.chain.gravity, point)
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
         """Return the wrench ``(6[, P])`` of loads about a point, base axes, by the parameters that multiply it."""
-        known, poses = self._weights, self.loaded_link_poses
-        weights = [known.get(load) or weigh([load], poses)[load] for load in loads]
+        known = self._weights
+        weights = [known.get(load) or weigh([load], [self.carrier(load)])[load] for load in loads]
         return wrench_on(weights, self.chain.gravity, self.tilts, point)
 
     def torque_on(self, joint: int) -> dict[Factors, Any]:
@@ -627,7 +633,7 @@ class Posture:
 
     @cached_property
     def _weights(self) -> dict[Load, Weight]:
-        return weigh(self.loads, self.loaded_link_poses)
+        return weigh(self.loads, [self.carrier(load) for load in self.loads])
 
     @cached_property
     @returns_read_only

@@ -14,10 +14,11 @@ from precision_pin.base.arguments import check_numbers
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.draws.expressions import Expression
+from precision_pin.robot.bent_shape import NO_LENGTH, BentShape
 from precision_pin.robot.urdf import Joint, Robot
 
-ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT = range(-1, 4)
-"""Order of the kinds of places on one chain link."""
+ORDER_START, ORDER_FRAME, ORDER_CUSTOM, ORDER_END, ORDER_SEAT, ORDER_BOW = range(-1, 5)
+"""Order of the kinds of places on one chain link; a bow moves only the loads on its link."""
 
 _SAME_POINT: Final = 1e-9
 """Distance (m) up to which two frames count as being at one point."""
@@ -53,6 +54,11 @@ class Place:
         return self.order[0] == ORDER_START
 
     @property
+    def is_bow(self) -> bool:
+        """True for the middle of a bent link, whose displacement moves neither the tip nor what is beyond the link."""
+        return self.order[0] == ORDER_BOW
+
+    @property
     def joint(self) -> int | None:
         """The joint (0-based) whose mounting it displaces: after a seat, or before a link's start."""
         if self.is_seat:
@@ -80,6 +86,11 @@ class Place:
             cls(link, (ORDER_END, 0), f"end of link {link} ({name})", frame),
             cls(link, (ORDER_SEAT, 0), f"seat of link {link} ({name})", frame),
         )
+
+    @classmethod
+    def bow(cls, end: Place) -> Place:
+        """Return the middle of the link with this end, in the link's axes: see :class:`BentShape`."""
+        return cls(end.link, (ORDER_BOW, 0), f"middle of link {end.link}", se3.translation(end.frame[:3, 3] / 2))
 
     @classmethod
     def custom(cls, link: int, rank: int, name: str, frame: Array) -> Place:
@@ -250,6 +261,24 @@ class Load:
     moments: tuple[tuple[Array, Factors], ...]
     stretch: Array | None = None
 
+    def stretch_along(self, x: Array, length: float) -> tuple[float, float]:
+        """Return the ends (m) of its stretch on a link of this direction and length, equal if it has no length."""
+        if self.stretch is None:
+            return (0.0, length) if self.along else (0.0, 0.0)
+        start, stop = sorted(float(min(max(reach, 0.0), length)) for reach in self.stretch @ x)
+        return (start, stop) if stop - start > NO_LENGTH * length else (start, start)
+
+    def reach_along(self, x: Array, length: float) -> float:
+        """Return where (m) it acts on such a link: at the projection of its attachment, at the end if that is beyond."""
+        reach = float(x @ self.attachment)
+        return reach if reach < (1 - NO_LENGTH) * length else length
+
+    def half_spread(self, reach: float, x: Array, length: float) -> float:
+        """Return how far (m) its stretch on such a link reaches on both sides of its centre at ``reach``."""
+        start, stop = self.stretch_along(x, length)
+        half_spread = min(reach - start, stop - reach)
+        return half_spread if half_spread > NO_LENGTH * length else 0.0
+
     def __post_init__(self) -> None:
         for name, shape in (("frame", (4, 4)), ("attachment", (3,)), ("stretch", (2, 3))):
             if (value := getattr(self, name)) is not None:
@@ -265,12 +294,40 @@ class Load:
 class Deflection(Fixed):
     """A chain under load: links and their far ends, ``(n+1, 4, 4)``, base.
 
-    ``bending`` is the displacement of each far end by the loads, ``[d; δ]`` in the end's axes, ``(n+1, 6)``.
+    ``bending`` is the displacement by the loads of each far end, and each :class:`BentShape`'s bow, ``[d; δ]`` in the
+    link's axes, ``(n+1, 2, 6)``.
     """
 
     links: Array
     ends: Array
     bending: Array
+
+    def shape(self, link: int, far_end: Array) -> BentShape:
+        """Return the shape of a link in its axes, where its unbent far end is at ``far_end`` ``(3,)``."""
+        reached = self.links[link, :3, :3].T @ (self.ends[link, :3, 3] - self.links[link, :3, 3])
+        end, bow = self.bending[link]
+        return BentShape(far_end, end, bow, reached - far_end)
+
+    def carrier(self, load: Load, placement: Array) -> Array:
+        """Return the axes of a load's link in the base, moved as the link's shape is where the load acts, ``(4, 4)``.
+
+        A load on the link's end, or beyond it, moves with the end, a spread load as its stretch does in the mean.
+        """
+        base, far_end = self.links[load.link], placement[:3, 3]
+        length = float(np.linalg.norm(far_end))
+        x = far_end / (length or 1.0)
+        start, stop = load.stretch_along(x, length)
+        if not load.along or stop == start:
+            reach = load.reach_along(x, length)
+            if reach == length and not load.along:
+                return self.ends[load.link] @ se3.inverse(placement)
+            half_spread = load.half_spread(reach, x, length)
+            start, stop = reach - half_spread, reach + half_spread
+        if length == 0.0 or not self.bending[load.link].any():
+            return base
+        moved = self.shape(load.link, far_end).mean_displacement(start, stop)
+        point = se3.translation(x * (start + stop) / 2)
+        return se3.compose(base, point, se3.displacement(moved), se3.inverse(point))
 
 
 def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]:
@@ -297,13 +354,13 @@ def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
     return basis
 
 
-def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
-    """Return loads in the base, from the axes of every chain link in the base, ``(n+1, 4, 4[, P])``."""
+def weigh(loads: Sequence[Load], carriers: Sequence[Array]) -> dict[Load, Weight]:
+    """Return loads in the base, from the axes of the chain link that carries each, in the base, ``(4, 4[, P])``."""
     if not loads:
         return {}
-    if link_poses.ndim == 4:
-        return {load: _weigh_at_many(load, link_poses[load.link]) for load in loads}
-    frames = link_poses[[load.link for load in loads]] @ np.array([load.frame for load in loads])
+    if carriers[0].ndim == 3:
+        return {load: _weigh_at_many(load, carrier) for load, carrier in zip(loads, carriers, strict=True)}
+    frames = np.array(carriers) @ np.array([load.frame for load in loads])
     owners = [k for k, load in enumerate(loads) for _ in load.moments]
     moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
     turned = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
@@ -314,9 +371,9 @@ def weigh(loads: Sequence[Load], link_poses: Array) -> dict[Load, Weight]:
     }
 
 
-def _weigh_at_many(load: Load, link_poses: Array) -> Weight:
+def _weigh_at_many(load: Load, carrier: Array) -> Weight:
     """Return a load in the base at P postures with its link's axes ``(4, 4, P)``."""
-    frame = se3.compose(link_poses, load.frame)
+    frame = se3.compose(carrier, load.frame)
     turned = [(moments[0], se3.turn(frame[:3, :3], moments[1:]), factors) for moments, factors in load.moments]
     return frame[:3, 3], [(factors, mass, x, y, z) for mass, (x, y, z), factors in turned]
 

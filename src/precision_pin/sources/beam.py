@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from precision_pin.base import se3, units
 from precision_pin.base.arguments import check_choice
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.se3 import rotation_about
 from precision_pin.draws.expressions import Expression, Value
+from precision_pin.robot.bent_shape import NO_LENGTH, BentShape, middle_of
 from precision_pin.sources.places import PadsOn, block_diagonal, in_axes
 from precision_pin.sources.profiles import Profile, Segment, Stretch, ends, stretches
 from precision_pin.terms import Array, Chain, Factors, LabelledSpace, Load, Place, Posture, Setting, Source, Term
@@ -22,8 +22,6 @@ from precision_pin.terms.term import at_means
 
 _PARALLEL: Final = 1e-9
 """Sine of the angle below which an axis counts as parallel to the beam."""
-_NO_LENGTH: Final = 1e-9
-"""Fraction of the beam's length up to which a stretch counts as a point."""
 _ASIDE: Final = 0.1
 """Sine of the angle up to which a joint counts as sliding along the link."""
 _FIRST_ORDER: Final = 0.005
@@ -54,9 +52,9 @@ class Beam(Profile, OnLink):
     ``w_y = F_y l³/3EI_z + M_z l²/2EI_z + q_y l⁴/8EI_z``, ``θ_z = F_y l²/2EI_z + M_z l/EI_z + q_y l³/6EI_z``, likewise
     with the other sign for w_z and θ_y, ``Δφ = M_x l/GI``. With ``segments`` each part bends in this way under the
     loads beyond its start and carries the rest along. With ``statics: equilibrium`` the bending is of second order:
-    loads act where the beam's shape, a cubic, has moved them, its sections bend about turned axes, and bending shortens
-    it. The beam then buckles as a column, at 1.0075 times Euler's load; with segments later, at 1.05 times if one half
-    has a quarter of the other's rigidity.
+    loads act where the beam's shape has moved them, its sections bend about turned axes, and bending shortens it. The
+    beam then buckles as a column: at Euler's load within 0.01 %, within 1 % if one half has a quarter of the other's
+    rigidity or if the weight is at half the height, at 1.04 times that load if it is at a quarter.
 
     If the carriage of a sliding joint travels along the link, x is the joint's axis through the link's start, and the
     beam ends where the joint value puts the carriage; what lies aside of the beam is rigid. The axis counts as along the
@@ -67,9 +65,9 @@ class Beam(Profile, OnLink):
     spread over the span or, without one, from the first support as far beyond its centre of mass. Such beams bend to
     first order on the deflected arm too, and are refused there if a load along them exceeds 0.5 % of the buckling load.
 
-    Source: section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z
-    before θ_y and gives EI and GI in N·m/rad; here they are rigidities in N·m², and stiffnesses of the whole link in
-    N·m/rad are separate settings (``EI = k l``). Sections: :mod:`precision_pin.sources.profiles`.
+    Source: section 3.2 and eq 21 of Wei, Jia and Chen (2015), which prints θ_z before θ_y and gives EI and GI in
+    N·m/rad; here they are rigidities in N·m², and stiffnesses of the whole link in N·m/rad are separate settings
+    (``EI = k l``). Sections: :mod:`precision_pin.sources.profiles`.
 
     Attributes:
         link: A URDF link of the chain link that bends.
@@ -167,10 +165,21 @@ class Beam(Profile, OnLink):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield a term for each stiffness and each group of loads with the same random factors."""
         line = _Line.of(self, posture.chain, posture.q)
-        shape = BentShape.of(posture, line.link, line.axes) if line.is_link else None
+        shape: BentShape | None = None
+        if posture.deflection is not None and line.is_link:
+            far_end = posture.chain.placements[line.link][:3, 3]
+            shape = posture.deflection.shape(line.link, far_end).turned(line.axes.T)
         beam_loads = list(self._beam_loads(posture, space, line, shape))
+        reaches = (line.reach,) if shape is None else (line.reach, line.reach / 2)
+
+        def terms(bent: Array, *factors: Value) -> Iterator[Term]:
+            yield Term.of(line.place, line.to_place @ bent[0], *factors, loaded=True)
+            if shape is not None:
+                bow = bent[1] - middle_of(line.reach) @ bent[0]
+                yield Term.of(Place.bow(line.place), block_diagonal(line.axes) @ bow, *factors, loaded=True)
+
         if shape is not None:
-            yield Term.of(line.place, line.to_place @ shape.second_order, loaded=True)
+            yield from terms(shape.second_order)
         for start, stop, part in self._parts(line):
             acting = [
                 (beam_load, beam_load.on_shape(shape, start, stop))
@@ -183,13 +192,13 @@ class Beam(Profile, OnLink):
                     line.check_load_along(beam_loads, flexibility, space)
                 total: dict[Factors, Array] = {}
                 for beam_load, on_shape in acting:
-                    displacement = line.displacement(beam_load, start, stop, rows)
+                    bent = np.array([line.displacement(beam_load, start, stop, rows, reach) for reach in reaches])
                     if on_shape is not None:
-                        displacement = displacement + on_shape[list(rows)].sum(axis=0)
+                        bent = bent + on_shape[:, list(rows)].sum(axis=1)
                     known = total.get(beam_load.factors)
-                    total[beam_load.factors] = displacement if known is None else known + displacement
-                for factors, displacement in total.items():
-                    yield Term.of(line.place, line.to_place @ displacement, *factors, flexibility, loaded=True)
+                    total[beam_load.factors] = bent if known is None else known + bent
+                for factors, bent in total.items():
+                    yield from terms(bent, *factors, flexibility)
 
     def _parts(self, line: _Line) -> Iterator[tuple[float, float, Stretch]]:
         """Yield start, end (m along the beam) and settings of each part from the first support on."""
@@ -224,30 +233,27 @@ class Beam(Profile, OnLink):
             mass = part.mass_per_length(space) * (stop - start)
             factors, scale = ((mass,), 1.0) if isinstance(mass, Expression) else ((), mass)
             moments = ((scale * np.array([1.0, *centre]), factors),)
-            yield start, stop, Load(line.link, np.eye(4), centre, along=True, moments=moments)
+            stretch = line.origin + np.outer((start, stop), line.axes[:, 0])
+            yield start, stop, Load(line.link, np.eye(4), centre, along=True, moments=moments, stretch=stretch)
 
     def _beam_loads(
         self, posture: Posture, space: LabelledSpace, line: _Line, shape: BentShape | None
     ) -> Iterator[_BeamLoad]:
         end, axes, link = line.end_in_base(posture), line.axes, line.link
-        base = posture.loaded_link_poses[link]
+        x, base = axes[:, 0], posture.loaded_link_poses[link]
 
         def beam_loads(loads: Sequence[Load], point: Array, start: float, stop: float) -> Iterator[_BeamLoad]:
             for factors, wrench in posture.wrench_on(loads, point).items():
                 yield _BeamLoad(start, stop, in_axes(base[:3, :3], axes, wrench), factors)
 
         def attached_loads(load: Load) -> Iterator[_BeamLoad]:
-            reach = float(axes[:, 0] @ (load.attachment - line.origin))
+            reach = float(x @ (load.attachment - line.origin)) if shape is None else load.reach_along(x, line.reach)
             start, stop = line.stretch(load)
             room = 0.0 if self.self_weight == "centre" else min(reach - start, stop - reach)
-            half_spread = room if room > _NO_LENGTH * line.reach else 0.0
-            point = line.origin + axes[:, 0] * reach
-            if shape is not None:
-                # a body bolted to a bent beam moves and turns with it
-                moved = block_diagonal(axes) @ shape.displacement(reach)
-                about = se3.compose(se3.translation(point), se3.displacement(moved), se3.translation(-point))
-                load, point = dataclasses.replace(load, frame=about @ load.frame), point + moved[:3]
-            for beam_load in beam_loads([load], se3.turn(base[:3, :3], point) + base[:3, 3], reach, reach):
+            half_spread = room if room > NO_LENGTH * line.reach else 0.0
+            carrier = posture.carrier(load)
+            point = se3.turn(carrier[:3, :3], line.origin + x * reach) + carrier[:3, 3]
+            for beam_load in beam_loads([load], point, reach, reach):
                 if half_spread == 0.0:
                     yield beam_load
                 else:
@@ -326,12 +332,12 @@ class _BeamLoad:
         return _lever(length - stop) @ displacement
 
     def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array | None:
-        """Return the further displacement of the beam's end because the load acts on the bent shape, ``(6, 6)``."""
+        """Return further displacements of end and middle because the load acts on the bent shape, ``(2, 6, 6)``."""
         # Each row is for unit flexibility of one part in that row; zero along x. None on the undeflected arm.
         if shape is None:
             return None
-        result = np.zeros((6, 6))
-        result[3:] = shape.bending(self.wrench, (self.start, self.stop), (start, stop))
+        result = np.zeros((2, 6, 6))
+        result[:, 3:] = shape.bending(self.wrench, (self.start, self.stop), (start, stop))
         return result
 
 
@@ -385,7 +391,7 @@ class _Line:
                 beam.supports
                 or beam.span
                 or beam.start
-                or np.linalg.norm(np.cross(end, way)) <= _ASIDE * length + _NO_LENGTH
+                or np.linalg.norm(np.cross(end, way)) <= _ASIDE * length + NO_LENGTH
             )
             if chain.prismatic[joint] and travels and is_along:
                 slides.append((joint, way))
@@ -426,29 +432,31 @@ class _Line:
 
     def stretch(self, load: Load) -> tuple[float, float]:
         """Return the ends (m along the beam) of a weight's stretch, equal if it has no length."""
-        if load.along and not self.is_link:
+        if self.is_link:
+            return load.stretch_along(self.axes[:, 0], self.reach)
+        if load.along:
             reach = float(self.axes[:, 0] @ (load.attachment - self.origin))
             return 0.0, self.span if np.isfinite(self.span) else 2 * max(reach, 0.0)
         if load.stretch is None:
-            return (0.0, self.span) if load.along else (0.0, 0.0)
+            return 0.0, 0.0
         along = (load.stretch - self.origin) @ self.axes[:, 0]
         start, stop = sorted(float(min(max(reach, 0.0), self.span)) for reach in along)
-        return (start, stop) if stop - start > _NO_LENGTH * self.reach else (start, start)
+        return (start, stop) if stop - start > NO_LENGTH * self.reach else (start, start)
 
-    def displacement(self, load: _BeamLoad, start: float, stop: float, rows: tuple[int, ...]) -> Array:
-        """Return the point's displacement by bending of one part, with unit stiffness in the given rows."""
+    def displacement(self, load: _BeamLoad, start: float, stop: float, rows: tuple[int, ...], reach: float) -> Array:
+        """Return the displacement at ``reach`` by bending of one part, with unit stiffness in the given rows."""
         if not self.both:
-            return load.displacement(start, stop, self.reach, rows)
+            return load.displacement(start, stop, reach, rows)
         # the second support pushes the cantilever's end, and turns all about the first one until it is at rest there
         _, _, _, m_x, m_y, m_z = load.moved_to(0.0).wrench
         share = m_x * (load.start + load.stop) / 2
         held = _BeamLoad(self.span, self.span, np.array([0, -m_z, m_y, -share, 0, 0]) / self.span, load.factors)
 
-        def at(reach: float) -> Array:
-            return sum((one.displacement(start, stop, reach, rows) for one in (load, held)), np.zeros(6))
+        def at(place: float) -> Array:
+            return sum((one.displacement(start, stop, place, rows) for one in (load, held)), np.zeros(6))
 
-        here, there = at(self.reach), at(self.span)
-        return here - _lever(self.reach) @ np.array([0, 0, 0, 0, -there[2], there[1]]) / self.span
+        here, there = at(reach), at(self.span)
+        return here - _lever(reach) @ np.array([0, 0, 0, 0, -there[2], there[1]]) / self.span
 
     def check_load_along(self, loads: Iterable[_BeamLoad], flexibility: Value, space: LabelledSpace) -> None:
         """Raise InputError if the load along the beam is too near its buckling load for bending of first order."""
@@ -543,126 +551,3 @@ def beam_axes(chain: Chain, link: int, roll: float = 0.0, x: Array | None = None
     z = z / np.linalg.norm(z)
     axes: Array = np.array([x, np.cross(z, x), z]).T @ rotation_about((1, 0, 0), roll)
     return axes * _BACK if backwards else axes
-
-
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
-"""Gauss-Legendre rule, exact up to degree 9."""
-_ALONG: Final = np.array([1.0, 0.0, 0.0])
-_NEXT: Final = [1, 2, 0]
-_AFTER: Final = [2, 0, 1]
-
-
-@dataclass(frozen=True, eq=False)
-class BentShape:
-    """The shape of a cantilever: the cubic through the displacement and rotation of its end.
-
-    It gives Euler's load of a column with one free end as 2.486 EI/l²; π²/4 = 2.467 is exact (Przemieniecki, Theory of
-    Matrix Structural Analysis, 1968, chapter 15).
-
-    Attributes:
-        length: Length of the beam, m.
-        end: ``[u, w_y, w_z; φ, θ_y, θ_z]`` of its end, beam axes.
-    """
-
-    length: float
-    end: Array
-
-    @classmethod
-    def of(cls, posture: Posture, link: int, axes: Array) -> BentShape | None:
-        """Return the shape of a chain link, ``axes`` as columns, on the deflected arm; None on the undeflected one."""
-        if posture.deflection is None:
-            return None
-        place = posture.chain.placements[link]
-        to_beam = axes.T @ place[:3, :3]
-        bending = posture.deflection.bending[link]
-        return cls(float(np.linalg.norm(place[:3, 3])), np.concatenate([to_beam @ bending[:3], to_beam @ bending[3:]]))
-
-    def displacement(self, reach: ArrayLike) -> Array:
-        """Return displacements ``(..., 6)``, beam axes, at ``reach`` ``(...)`` (m); beyond an end, as at the end."""
-        l, along = self.length, np.asarray(reach, dtype=float)  # noqa: E741
-        s, beyond = np.clip(along / l, 0.0, 1.0), np.maximum(along - l, 0.0)
-        u, w_y, w_z, phi, theta_y, theta_z = self.end
-        across, turned = s * s * (3 - 2 * s), l * s * s * (s - 1)
-        across_slope, turned_slope = 6 * s * (1 - s) / l, s * (3 * s - 2)
-        rows = (
-            u * s,
-            w_y * across + theta_z * (turned + beyond),
-            w_z * across - theta_y * (turned + beyond),
-            phi * s,
-            theta_y * turned_slope - w_z * across_slope,
-            theta_z * turned_slope + w_y * across_slope,
-        )
-        return np.stack(rows, axis=-1)
-
-    def slope(self, reach: Array) -> Array:
-        """Return the twist and curvatures at places along the beam, ``(N, 3)``, rad/m."""
-        l, s = self.length, reach / self.length  # noqa: E741
-        _, w_y, w_z, phi, theta_y, theta_z = self.end
-        bent, straight = 6 * (1 - 2 * s) / l**2, (6 * s - 2) / l
-        rows = (np.full_like(s, phi / l), theta_y * straight - w_z * bent, theta_z * straight + w_y * bent)
-        return np.stack(rows, axis=-1)
-
-    @property
-    def second_order(self) -> Array:
-        """The end's displacement ``(6,)``, beam axes, by the rotations along the beam beyond their sum.
-
-        With θ(x) the rotation, ``δ = -½ ∫ θ × θ' dx`` (rotations do not commute) and ``d = ½ ∫ θ × (θ × e_x) dx``,
-        which shortens a bent beam, plus the displacement that δ causes along the beam.
-        """
-        x, weights = _nodes(0.0, self.length)
-        turn = self.displacement(x)[:, 3:]
-        total = _at_end(_cross(self.slope(x), turn) / 2, self.length - x, weights)
-        total[:3] += weights @ _cross(turn, _cross(turn, _ALONG)) / 2
-        return total
-
-    def bending(self, wrench: Array, loaded: tuple[float, float], part: tuple[float, float]) -> Array:
-        """Return the further displacement of the beam's end because a load acts on the bent shape, ``(3, 6)``.
-
-        The moment at x is that of the force at its displaced point, ``M + Δr × F``. It bends the section about axes
-        turned by θ: ``κ = D (M + Δr × F - θ × M) + θ × D M`` to second order, D the flexibilities. One row each for
-        unit flexibility about x, y and z, with the others rigid.
-
-        Args:
-            wrench: ``[F; M]``, beam axes: at its point, or of a weight spread evenly between two points.
-            loaded: Ends of the loaded stretch, m along the beam.
-            part: Ends of the bending part, m along the beam.
-        """
-        x, weights = _nodes(part[0], min(part[1], loaded[1]))
-        begin, stop = np.maximum(loaded[0], x), loaded[1]
-        at_point = loaded[0] == stop
-        share = np.ones_like(x) if at_point else (stop - begin) / (stop - loaded[0])
-        force = share[:, None] * wrench[:3]
-        # lever along x only: (a, 0, 0) × F = (0, -a F_z, a F_y)
-        lever = (begin + stop) / 2 - x
-        moment = np.stack([np.zeros_like(x), -lever * force[:, 2], lever * force[:, 1]], axis=-1)
-        if at_point:
-            moment = moment + wrench[3:]
-        here = self.displacement(x)
-        beyond = self.displacement(stop)[:3] if at_point else self._mean_place(begin, stop)
-        more = _cross(beyond - here[:, :3], force) - _cross(here[:, 3:], moment)
-        about = np.eye(3)[:, None, :]
-        return _at_end(
-            about * more.T[:, :, None] + _cross(here[:, 3:], about) * moment.T[:, :, None], self.length - x, weights
-        )
-
-    def _mean_place(self, begin: Array, stop: float) -> Array:
-        """Return the mean displacement between each of N places and ``stop``, ``(N, 3)``."""
-        x = (begin[:, None] * (1 - _NODES) + stop * (1 + _NODES)) / 2
-        return np.einsum("k,nki->ni", _WEIGHTS / 2, self.displacement(x)[..., :3])
-
-
-def _nodes(start: float, stop: float) -> tuple[Array, Array]:
-    half = (stop - start) / 2
-    return start + half * (1 + _NODES), half * _WEIGHTS
-
-
-def _at_end(turn: Array, reach: Array, weights: Array) -> Array:
-    """Return the end's displacement ``(..., 6)`` by weighted rotations ``(..., N, 3)``, ``reach`` (m) before it."""
-    lever = (weights * reach) @ turn
-    zero = np.zeros_like(lever[..., 0])
-    return np.concatenate([np.stack([zero, lever[..., 2], -lever[..., 1]], axis=-1), weights @ turn], axis=-1)
-
-
-def _cross(one: Array, other: Array) -> Array:
-    """Return vector products ``(..., 3)``; for few vectors faster than numpy's cross."""
-    return one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]

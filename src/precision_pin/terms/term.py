@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add, mul
-from typing import overload
+from typing import ClassVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +34,7 @@ class JointValue:
     """A joint value as a target: Δθ in rad or Δd in m of a joint (0-based on the chain)."""
 
     joint: int
+    is_bow: ClassVar[bool] = False
 
 
 Target = JointValue | Place
