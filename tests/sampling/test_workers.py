@@ -460,7 +460,9 @@ def test_a_cluster_gives_the_same_bits_and_costs_no_result_whoever_goes_away(
         printed, known = json.loads(capsys.readouterr().out), json.loads(expected)
         for key in ("position", "attitude", "covariance", "spec"):
             assert printed[key] == known[key], key
-        gone = pytest.raises(InputError, match=r"the executor DaskCluster failed: ConnectionError: the scheduler is lost$")
+        gone = pytest.raises(
+            InputError, match=r"the executor DaskCluster failed: ConnectionError: the scheduler is lost$"
+        )
         with gone, dask_cluster(cluster.address) as (executor, _):
             pp.monte_carlo(
                 MODEL, "paper", executor=executor, tasks_under_way=2, progress=lambda _: cluster.stop(), **settings
