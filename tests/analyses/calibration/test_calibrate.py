@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy import optimize, stats
+from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
@@ -244,6 +245,21 @@ def test_json_of_every_result_is_what_its_fields_declare():
     assert poses.get_xlim() == (0.5, 2.5)
 
 
+def touched(model, at, x, noise):
+    """Return joint values ``(n, P)`` at which the target of a robot is at its nominal place, but for noise ``(P, m)``."""
+    q, still = contact_poses(model.chain, at, len(noise)).q.copy(), np.zeros(len(at.nuisances))
+    for k in range(len(noise)):
+        for _ in range(8):  # Newton's steps
+            one = model.at(q[:, k])
+            error, pose = one.exact(x[:, None])[:, 0], one.posture.pose
+            away = at.predict(pose, error[:, None], still[:, None])[:, 0]
+            of_joints = model.chain.at_columns(q[:, k : k + 1]).joint_jacobian[:, :, 0]
+            jacobian = at.slopes(pose, error, still).error @ of_joints
+            q[:, k] -= np.linalg.lstsq(jacobian, away - noise[k], rcond=None)[0]
+        assert np.abs(away - noise[k]).max() < 1e-12
+    return q
+
+
 @pytest.mark.parametrize("kind", ["socket", "plane"])
 def test_contact_recovers_a_robot_and_its_places(kind, tmp_path):
     """The robot touches places that are 3 mm from where the first guess has them; only joint values are given."""
@@ -259,17 +275,7 @@ def test_contact_recovers_a_robot_and_its_places(kind, tmp_path):
     at = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, **{key: place})
     x = model.space.sample(3, 0, 1)[:, 0]
     noise = np.random.default_rng(1).normal(0, at.std, (20, at.size))
-    # joint values at which the target is at the nominal place, but for the noise, by Newton's steps
-    q, still = contact_poses(model.chain, at, 20).q.copy(), np.zeros(len(at.nuisances))
-    for k in range(20):
-        for _ in range(8):
-            one = model.at(q[:, k])
-            error, pose = one.exact(x[:, None])[:, 0], one.posture.pose
-            away = at.predict(pose, error[:, None], still[:, None])[:, 0]
-            of_joints = model.chain.at_columns(q[:, k : k + 1]).joint_jacobian[:, :, 0]
-            jacobian = at.slopes(pose, error, still).error @ of_joints
-            q[:, k] -= np.linalg.lstsq(jacobian, away - noise[k], rcond=None)[0]
-        assert np.abs(away - noise[k]).max() < 1e-12
+    q = touched(model, at, x, noise)
     free = pp.Measurement(kind, std=20e-6, target=OFF_AXIS, base="free", **{key: guess})
     header = ", ".join(f"{name} [rad]" for name in model.chain.joint_names)
     np.savetxt(tmp_path / "touched.csv", q.T, "%.15g", delimiter=", ", header=header, comments="")
@@ -285,6 +291,60 @@ def test_contact_recovers_a_robot_and_its_places(kind, tmp_path):
         tilts = np.hypot(found.set_up.std["plane.tilt1"], found.set_up.std["plane.tilt2"])
         assert np.linalg.norm(np.cross(normal, wanted)) < 5 * tilts
         assert abs(wanted @ (point - place[0])) < 5e-3
+
+
+@pytest.mark.slow
+def test_two_sockets_a_known_distance_apart_tell_the_scale():
+    """A warm arm that touches them: the scale's deviation in closed form, the turn about their line not seen, nor needed."""
+    places = np.array([(0.9, 0.2, 0.8), (0.2, 0.9, 1.0)])
+    between = np.linalg.norm(places[1] - places[0])
+    along, std, prior = (places[1] - places[0]) / between, 20e-6, 50.0
+    warm = pp.sources.Thermal(expansion=2e-5, temperature_change=pp.Normal(prior))
+    model = pp.ErrorModel(paper_model().chain, pp.Space(), [warm])
+    # the target is the tip: all that the arm is long grows alike
+    at, gauge = (
+        pp.Measurement("socket", std=std, sockets=tuple(map(tuple, places))),
+        pp.Measurement(std=std, base="free"),
+    )
+    noise = np.random.default_rng(2).normal(0, std, (12, 3))
+    hot = np.array([40.0])
+    q, nominal = touched(model, at, hot, noise), touched(model, at, np.zeros(1), 0 * noise)
+    number = (np.linalg.norm(model.chain.at_columns(q).pose[:3, 3].T[:, None] - places, axis=2).argmin(axis=1))[:, None]
+
+    def left(first, second):
+        return (2e-5**2 * between**2 / std**2 * first * second / (first + second) + prior**-2) ** -0.5
+
+    # in the gauge's own axes, and in others
+    flat, turn = number * between * np.array([[0, 1, 0]]), Rotation.from_rotvec([0.4, -1.0, 2.0])
+    results = [pp.calibrate(model, (q, one), gauge) for one in (flat, turn.apply(flat) + np.ones(3))]
+    wanted = np.concatenate([np.cross(places[0], along), along])
+    wanted /= np.linalg.norm(wanted)
+    counts = int((number == 0).sum()), int(number.sum())
+    for found in results:
+        name = found.posterior.names[0]
+        assert found.posterior.std[name] == pytest.approx(left(*counts), rel=2e-3)
+        assert abs(found.posterior.mean[name] - 40) < 4 * left(*counts)
+        assert found.posterior.mean[name] == pytest.approx(results[0].posterior.mean[name], rel=1e-6)
+        assert (found.verdict, found.degrees_of_freedom) == ("agrees", 36 - 5)
+        assert found.improvement.verdict == "helps"
+        assert found.identifiability.nuisance_rank == 5
+        np.testing.assert_allclose(found.identifiability.set_up_projector, np.outer(wanted, wanted), atol=3e-3)
+        assert np.isinf([found.set_up.std[name] for name in gauge.nuisances[3:]]).all()
+        (said,) = [one.message for one in found.findings if one.code == "W_SETUP"]
+        words = said.partition("about the line through ")[2].partition(", which")[0].replace("mm along", "").split()
+        point, direction = np.array(words, dtype=float).reshape(2, 3)
+        assert abs(abs(direction @ along) - 1) < 1e-4
+        assert np.linalg.norm(np.cross(point / 1e3 - places[0], along)) < 3e-3
+    # before anything is measured
+    forecast = pp.forecast_calibration(model, nominal, gauge)
+    assert forecast.posterior.std[name] == pytest.approx(left(*counts), rel=1e-6)
+    np.testing.assert_allclose(forecast.identifiability.set_up_projector, np.outer(wanted, wanted), atol=1e-6)
+    plan = pp.plan_calibration(model, nominal, 4, gauge, criterion="D")
+    assert number[list(plan.chosen)].sum() == 2  # each as often, where nothing else is to be found
+    one_place = pp.identifiability(model, nominal[:, number[:, 0] == 0], gauge)
+    assert (one_place.nuisance_rank, one_place.rank) == (3, 0)
+    (group,) = one_place.set_up_combinations
+    assert (group.determined, group.names) == (3, gauge.nuisances)
 
 
 def test_intervals_of_normal_numbers_are_those_of_the_posterior():

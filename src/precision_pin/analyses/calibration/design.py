@@ -233,19 +233,30 @@ def stack_at_means(
     The standard deviations of the readings are the instrument's times ``factor``.
     """
     count = sum(len(station.rows) for station in stations)
-    by_z = np.zeros((count, measurement.size, unit.root.shape[1]))
+    by_z, points = np.zeros((count, measurement.size, unit.root.shape[1])), np.zeros((count, measurement.size))
     by_nuisance = np.zeros((count, measurement.size, len(measurement.nuisances)))
     variances, zero = (factor * measurement.deviations) ** 2, np.zeros(len(measurement.nuisances))
     for station in stations:
         rows = list(station.rows)
-        slopes = measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero)
+        pose, error = station.at.posture.pose, station.at.error_at_means
+        slopes, points[rows] = (
+            measurement.slopes(pose, error, zero),
+            measurement.predict(pose, error[:, None], zero[:, None])[:, 0],
+        )
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
         by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
         root = station.noise_root(by_error, np.tile(variances, len(rows)), visits)
         white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
         parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
         by_z[rows], by_nuisance[rows] = parts
-    return by_z, by_nuisance
+    alone, deviations = np.zeros(count, dtype=np.intp), np.full(count, factor * measurement.std)
+    unseen = Instruments((measurement,)).unseen_turns(alone, points, deviations)
+    return by_z, without(by_nuisance, unseen)
+
+
+def without(derivatives: Array, unseen: Array) -> Array:
+    """Return derivatives ``(…, k)`` without combinations ``(k, f)``, an orthonormal basis."""
+    return derivatives - derivatives @ unseen @ unseen.T if unseen.size else derivatives
 
 
 def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
@@ -416,12 +427,13 @@ class Identifiability(Record):
             derivatives, in units of noise and of prior standard deviation, falling.
         projector: Onto the combinations that no reading sees, ``(U, U)``, in units of prior standard deviation.
         nuisances, nuisance_rank: Unknown numbers of the set-up, and how many combinations of them are determined.
+        set_up_projector: Onto the combinations of these that no reading sees, ``(k, k)``, in m and rad.
         observability: O1 to O5 of the determined combinations.
     """
 
     KEYS: ClassVar[Keys] = (
         *("rank", "parameters", "singular_values", "determined", "unseen", "combinations"),
-        *("nuisances", "nuisance_rank", "observability"),
+        *("nuisances", "nuisance_rank", "set_up_combinations", "observability"),
     )
 
     names: tuple[str, ...]
@@ -430,6 +442,7 @@ class Identifiability(Record):
     projector: Array
     nuisances: tuple[str, ...]
     nuisance_rank: int
+    set_up_projector: Array
     observability: dict[str, float]
 
     @property
@@ -451,6 +464,27 @@ class Identifiability(Record):
     def combinations(self) -> tuple[Group, ...]:
         """Groups of numbers with only combinations determined."""
         return subspaces(self.names, self.projector)
+
+    @property
+    def set_up_combinations(self) -> tuple[Group, ...]:
+        """Groups of numbers of the set-up with only combinations determined, in m and rad."""
+        return subspaces(self.nuisances, self.set_up_projector)
+
+    @property
+    def set_up_unseen(self) -> str:
+        """What no reading sees of the set-up, in words: a turn of the base by its axis in base axes, else combinations."""
+        vector = np.linalg.eigh(self.set_up_projector)[1][:, -1]
+        shift, turn = vector[:3], vector[3:6]
+        is_one = (
+            len(self.nuisances) - self.nuisance_rank == 1 and self.nuisances[3:4] and "base.rx" in self.nuisances[3]
+        )
+        if is_one and np.abs(vector[6:]).max(initial=0.0) < _ENTRY and abs(shift @ turn) < _ENTRY < float(turn @ turn):
+            axis = turn / np.linalg.norm(turn) * np.sign(turn[int(np.argmax(np.abs(turn).round(9)))])
+            ends = 1e3 * np.cross(turn, shift) / (turn @ turn), axis
+            place, along = (" ".join(f"{x + 0.0:.4g}" for x in one.round(4)) for one in ends)
+            return f"a turn of the base about the line through {place} mm along {along}"
+        alone = compress(self.nuisances, np.diag(self.set_up_projector) >= 1 - _ENTRY)
+        return some((*alone, *map(str, self.set_up_combinations)), _MOST_NAMED, "; ")
 
     @property
     def is_complete(self) -> bool:
@@ -499,9 +533,12 @@ def of_stack(
     null = rows[rank:]
     values = np.zeros(len(names))
     values[: found.size] = found
-    return Identifiability(
-        names, rank, values, null.T @ null, nuisances, nuisance_rank, observability(found[:rank], poses)
-    )
+    lengths, unseen = _lengths(by_nuisance), np.zeros((len(nuisances), 0))
+    if nuisance_rank < len(nuisances):
+        triangle = np.linalg.qr(by_nuisance / lengths, mode="r")
+        unseen = np.linalg.qr(scipy.linalg.null_space(triangle, rcond=NEGLIGIBLE) / lengths[:, None])[0]
+    parts = names, rank, values, null.T @ null, nuisances, nuisance_rank, unseen @ unseen.T
+    return Identifiability(*parts, observability(found[:rank], poses))
 
 
 def refuse_where_nothing_is_seen(found: Identifiability) -> None:
@@ -519,7 +556,8 @@ def remarks_on(found: Identifiability) -> Iterator[Finding]:
     if found.nuisance_rank < len(found.nuisances):
         message = (
             f"the poses determine {found.nuisance_rank} of the {len(found.nuisances)} unknown numbers of the set-up "
-            f"({', '.join(found.nuisances)}); add poses that differ more"
+            f"({', '.join(found.nuisances)}); not seen: {found.set_up_unseen}, which errors in the instrument's axes leave out; "
+            "add poses that differ more"
         )
         yield Finding("warning", "W_SETUP", message)
     if not found.rank:
@@ -616,6 +654,28 @@ class Instruments:
         place = {name: k for k, name in enumerate(self.nuisances)}
         return tuple(np.array([place[name] for name in part.nuisances], dtype=np.intp) for part in self.parts)
 
+    def unseen_turns(self, part: NDArray[np.intp], points: Array, deviations: Array) -> Array:
+        """Return an orthonormal basis ``(k, f)`` of the turns of bases that points ``(P, 3)`` of deviations ``(P,)`` do not tell.
+
+        They are about a line or a place, base axes, from which the points are less than two deviations away (root mean
+        square), as at a gauge's two sockets. The arm is not as near to them, which is no knowledge of the base.
+        """
+        names = [one.base_name if one.displaces_base else None for one in self.parts]
+        found = [np.zeros((len(self.nuisances), 0))]
+        for name in dict.fromkeys(names):
+            chosen = [k for k, one in enumerate(names) if one == name]
+            rows = np.isin(part, chosen)
+            if name is None or not rows.any() or any(self.parts[k].kind == "pose" for k in chosen):
+                continue
+            centre = points[rows, :3].mean(axis=0)
+            arms = (points[rows, :3] - centre) / deviations[rows, None]
+            values, axes = np.linalg.eigh((arms**2).sum() * np.eye(3) - arms.T @ arms)
+            axes = axes[:, values < 4 * len(arms)]
+            turns = np.zeros((len(self.nuisances), axes.shape[1]))
+            turns[self.columns[chosen[0]][:6]] = np.vstack([np.cross(centre, axes.T).T, axes])
+            found.append(turns)
+        return np.linalg.qr(np.hstack(found))[0]
+
     def slopes(self, part: int, pose: Array, error: Array, nuisances: Array) -> Slopes:
         """Return the derivatives of a reading as :meth:`Measurement.slopes`, by all nuisances."""
         own = self.parts[part].slopes(pose, error, nuisances[self.columns[part]])
@@ -643,7 +703,7 @@ class SetUp(Record):
         base: The robot's base in the instrument's axes, ``(4, 4)``; ``None`` where it is known.
         target, anchor, plane, sockets: In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``,
             and ``(S, 3)``; m.
-        std: Standard deviation of each unknown number, m and rad.
+        std: Standard deviation of each unknown number, m and rad; infinite where readings determine combinations only.
     """
 
     base: Array | None
@@ -703,8 +763,8 @@ def _base(nominal: Array, measured: Array, attitudes: Array, turned: Array) -> A
     else:
         turns = (measured - other).T @ (nominal - centre)
         values = np.linalg.svd(turns, compute_uv=False)
-        if len(nominal) < 3 or values[1] < 1e-6 * values[0]:
-            raise InputError("a free base needs at least three positions that do not lie on one line")
+        if values[1] <= 1e-6 * values[0]:  # on one line, or at one place: the least of the turns that fit
+            turns = turns + max(1e-6 * values[0], np.finfo(float).tiny) * np.eye(3)
     rotation = se3.nearest_rotation(turns)
     return se3.pose(rotation, other - rotation @ centre)
 

@@ -37,6 +37,7 @@ from precision_pin.analyses.calibration.design import (
     nominal_distance,
     readings_in_base,
     stations_of_data,
+    without,
 )
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Keys, Record
@@ -175,6 +176,12 @@ class Problem:
         return Slopes(*(np.concatenate(each) for each in zip(*(found[part] for part in parts), strict=True)))
 
     @cached_property
+    def unseen_turns(self) -> Array:
+        """Turns of bases that the readings do not tell, ``(k, f)``."""
+        rows = [row for station in self.stations for row in station.rows]
+        return self.instruments.unseen_turns(self.part[rows], self.readings[rows], self.deviations[rows, 0])
+
+    @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of z where the numbers are independent, ``(r,)`` each; of correlated numbers none."""
         unit = self.unit
@@ -245,7 +252,7 @@ class Problem:
             found = self.slopes_at(station, error[:, 0], nuisances)
             whole[places] = np.hstack([found.error @ jacobian[:, self.unit.columns] @ root, found.nuisances])
         white = self.whiten(whole)
-        return white[:, :size], white[:, size:]
+        return white[:, :size], without(white[:, size:], self.unseen_turns)
 
     def reading_deviations(self, best: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""

@@ -235,10 +235,11 @@ def improvement_text(result: CalibrationResult) -> str:
     whole = "base and target alone" if result.measurement.nuisances else "the sheet's means"
     facts = f"left-out error {milli(found.before, 3)} -> {milli(found.after, 3)} mm rms"
     how = f"before: {whole}; {found.groups:,} {found.grouped_by} left out in turn"
-    if found.interval is None:
+    if found.interval is None or found.before_interval is None:
         return f"{verdict_text(result)}: too few {found.grouped_by}; {facts}; {how}"
-    low, high = (milli(end, 3) for end in found.interval)
-    return f"{verdict_text(result)}: {facts}, gain {milli(found.gain, 3)} mm (95 %: {low} to {high}); {how}"
+    low, high, least, most = (milli(end, 3) for end in (*found.interval, *found.before_interval))
+    gain = f"gain {milli(found.gain, 3)} mm (95 %: {low} to {high}, of {least} to {most})"
+    return f"{verdict_text(result)}: {facts}, {gain}; {how}"
 
 
 def share_lines(result: CalibrationResult) -> list[str]:
