@@ -11,7 +11,7 @@ __all__ = ["FILES", "ROBOTS", "random_sheet", "write_files"]
 
 Data = dict[str, Any]
 
-SHIPPED = Path(__file__).parents[2] / "robots"
+SHIPPED = Path(__file__).parents[2] / "src" / "precision_pin" / "robots"
 ROBOTS = {
     "4dof.urdf": ("joint1", "joint2", "joint3", "joint4"),
     "slides.urdf": ("lift", "swing", "reach"),

@@ -24,7 +24,7 @@ GENERATED = 6
 @cache
 def base_robots() -> tuple[str, ...]:
     """Return the texts: generated arms first, then the project's own, then small shipped ones where installed."""
-    project = Path(__file__).parents[2] / "robots" / "4dof.urdf"
+    project = Path(__file__).parents[2] / "src" / "precision_pin" / "robots" / "4dof.urdf"
     texts = [arm(shape) for shape in range(GENERATED)]
     texts += [full_arm(), gripper(), project.read_text(encoding="utf-8")]
     return (*texts, *(file.read_text(encoding="utf-8") for file in _shipped()))
