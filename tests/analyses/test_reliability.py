@@ -504,6 +504,63 @@ def test_a_tool_length_that_jumps_once_in_20_000():
     assert "rare values, each searched separately" in table(result)
 
 
+# --- failures behind a valley ---
+def behind(bias, share, limit):
+    """P(|x| > limit) where x is the bias, N(0, 0.2), and three values of -3.2 with this share each, else 0; all in mm."""
+    count = np.arange(4)
+    ends = [stats.norm.sf(limit - side * (bias - 3.2 * count), scale=0.2) for side in (1, -1)]
+    return float(stats.binom.pmf(count, 3, share) @ np.sum(ends, axis=0))
+
+
+def of_lognormal(bias, mean, std, limit):
+    """The same where a lognormal number is taken off, by quadrature."""
+    log_std = math.sqrt(math.log1p((std / mean) ** 2))
+    taken = stats.lognorm(log_std, scale=mean * math.exp(-(log_std**2) / 2))
+
+    def density(z):
+        outside = taken.sf(limit + bias + 0.2 * z) + taken.cdf(bias + 0.2 * z - limit)
+        return stats.norm.pdf(z) * outside
+
+    return integrate.quad(density, -9, 9, epsabs=0, limit=200)[0]
+
+
+RARE_STEPS = {
+    "two values": (pp.TwoPoint(1.6e-3, -1.6e-3, 0.988), 0.012),
+    "a gap": (pp.Empirical(((0, -3.2e-3), (0.012, -3.2e-3), (0.012, 0.0), (1, 0.0))), 0.012),
+    "one row of 83": (pp.Rows(((-3.2e-3,), *[(0.0,)] * 82)), 1 / 83),
+}
+BEHIND = {
+    **{name: ((law,) * 3, behind(4.0, share, 5.0), 5e-3) for name, (law, share) in RARE_STEPS.items()},
+    "a lognormal": ((pp.Lognormal(1e-3, 1e-3),), of_lognormal(4.0, 1.0, 1.0, 12.0), 12e-3),
+}
+
+
+@pytest.mark.slow
+def test_failures_on_the_far_side_of_a_biased_error_are_found():
+    """Each rare value alone moves the error inwards, so that what descends from the middle goes to the near side."""
+    held = 0
+    for name, (laws, truth, limit) in BEHIND.items():
+        draws = [pp.Draw(f"r{k}", law) for k, law in enumerate((pp.Normal(0.2e-3, 4e-3), *laws))]
+        offsets = [f"{draw.name}.0" if isinstance(draw.law, pp.Rows) else draw.name for draw in draws]
+        way = -1 if name == "a lognormal" else 1
+        model = slides([(1, 0, 0), *[(way, 0, 0)] * len(laws)], offsets, pp.Space(tuple(draws)))
+        found = of_x(model, limit, 1 - truth / 2, samples=1000, seed=1)
+        assert not found.met, (name, truth, found.best)
+        assert found.resolved, (name, found.reason)
+        held += found.best.interval[0] <= truth <= found.best.interval[1]
+    assert held >= stats.binom.ppf(1e-3, len(BEHIND), 0.95)
+
+
+@pytest.mark.slow
+def test_six_laws_with_a_gap_whose_failures_the_proposal_never_meets():
+    """Three of six jumps or more fail: a share that is known, and no number is divided by."""
+    jumps = pp.Empirical(((0, -1e-5), (59 / 60, 1e-5), (59 / 60, 1e-3), (1, 1e-3)))
+    found = of_x(slides([(1, 0, 0)] * 6, [jumps] * 6), 2.5e-3, 0.99999, samples=20_000)
+    truth = stats.binom.sf(2, 6, 1 / 60)
+    assert found.best.interval[0] <= truth <= found.best.interval[1]
+    assert not found.met
+
+
 # --- coverage ---
 COVERED = {"norm of 2 equal spreads", "norm of 3 equal spreads", "plane in 4 numbers", "six uniform numbers"}
 DISTINCT = {case.name.partition(" of prob")[0]: case for case in rare.CASES if case.name not in COVERED}.values()

@@ -133,13 +133,16 @@ def agree(one: Estimate, other: Estimate, confidence: float = _AGREEING) -> bool
     """Return whether two estimates are consistent with the same probability.
 
     Plain sampling with too few failures to decide alone is compared by its counts: its Clopper-Pearson interval must contain
-    the other estimate. For two other estimates, the interval of ln(P₁/P₂) must contain 0, with both taken as log-normal.
+    the other estimate. For two other estimates, the interval of ln(P₁/P₂) must contain 0, with both taken as log-normal,
+    or their intervals overlap, which are wider where counts leave no variation.
     """
     for plain, rare in ((one, other), (other, one)):
         if plain.method == SAMPLING and plain.variation > ENOUGH_VARIATION:
             return plain.interval[0] <= rare.probability <= plain.interval[1]
     if not one.probability or not other.probability:
         return one.probability == other.probability
+    if max(one.interval[0], other.interval[0]) <= min(one.interval[1], other.interval[1]):
+        return True
     spreads = [math.log1p(estimate.variation**2) for estimate in (one, other)]
     reach = float(special.ndtri((1 + confidence) / 2)) * math.sqrt(sum(spreads))
     return abs(math.log(one.probability / other.probability)) <= reach

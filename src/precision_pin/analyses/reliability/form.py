@@ -286,8 +286,21 @@ class _Search:
 FARTHEST: Final = 8.2
 """Largest distance of the search in standard normal numbers: a probability of 1e-16."""
 
+OFTEN: Final = 0.1
+"""Probability above which a value is never searched separately."""
+
 RARE: Final = 1e-2
-"""Probability above which values are left to plain sampling."""
+"""The same where there are too many combinations of values, or for tables without values that lie apart."""
+
+NEGLIGIBLE: Final = 1e-9
+"""Smallest upper end for a stratum without an estimate, even if levels down to 1e-12 had no failure."""
+
+LEAST: Final = 1e-16
+"""Probability of the rarest combination that is looked at: that of a normal number beyond the farthest distance."""
+
+# largest skewness of a symmetric law; distance of values that lie apart, as a fraction of the range of all
+_SKEWED: Final = 0.1
+_GAP: Final = 0.2
 
 
 _STEEP_SHARE: Final = 0.1
@@ -382,6 +395,12 @@ class Stratum(Fixed):
         return tuple(found)
 
     @cached_property
+    def is_symmetric(self) -> bool:
+        """True if no number jumps within the stratum and all laws are symmetric."""
+        moments = [draw.law.standardised_moments() for draw in self.space.draws if draw.name not in self.cuts]
+        return not self.jumps and all(known and abs(known[0]) <= _SKEWED for known in moments)
+
+    @cached_property
     def certain(self) -> bool:
         """True if only the combination varies within the stratum."""
         return all(
@@ -467,23 +486,34 @@ def from_normals(space: Space, normals: Array) -> Array:
     return Stratum(space).values(normals)
 
 
-def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
+def stratified(space: Space, margin: Callable[[Array], Array], sides: Callable[[Array], Array] | None = None) -> Strata:
     """Return the strata of a space for a limit state ``margin``, ``(N,)`` for component values ``(d, N)``.
 
-    For a law of at most eight cells (values, or lines between quantiles), every cell with a probability below 0.01 is a
+    For a law of at most eight cells (values, or lines between quantiles), every cell with a probability below 0.1 is a
     group of its own. For other laws, such as large tables, the cells are sorted by ascending margin; those up to a
-    cumulative probability of 0.01 form one group for each power of ten. The remaining cells are the usual group. Strata
-    are combinations of groups: first the usual groups of all draws, then combinations of similar probability together,
-    at most 64 in a stratum and 32 strata.
+    cumulative probability of 0.01 form one group for each power of ten. So do cells with a probability below 0.1 that
+    lie apart to one of the ``sides``. The remaining cells are the usual group. Strata are combinations of groups: first
+    the usual groups of all draws, then combinations of similar probability together, at most 256 in a stratum and 32
+    strata. If these leave out more than 1e-9, only cells below 0.01 become groups.
     """
+    correlated = {name for correlation in space.correlations for name in correlation.names}
+    for limit in (OFTEN, RARE):
+        groups: dict[str, list[Array]] = {}
+        for draw, columns in zip(space.draws, space.slices, strict=True):
+            cells = _cells(draw.law)
+            if cells is not None and len(cells) > 1 and _hides(draw.law):
+                below = RARE if draw.name in correlated else limit
+                found = _groups(space, draw, columns, cells, margin, sides or margin, below)
+                if len(found) > 1:
+                    groups[draw.name] = found
+        strata = _combined(space, groups, correlated)
+        if strata.remainder <= NEGLIGIBLE:
+            break
+    return strata
+
+
+def _combined(space: Space, groups: dict[str, list[Array]], correlated: set[str]) -> Strata:
     remainder = 0.0
-    groups: dict[str, list[Array]] = {}
-    for draw, columns in zip(space.draws, space.slices, strict=True):
-        cells = _cells(draw.law)
-        if cells is not None and len(cells) > 1 and _hides(draw.law):
-            found = _groups(space, draw, columns, cells, margin)
-            if len(found) > 1:
-                groups[draw.name] = found
     for correlation in space.correlations:
         names = [name for name in correlation.names if name in groups]
         rare = {name: sum(map(_length, groups[name][1:])) for name in names}
@@ -494,12 +524,11 @@ def stratified(space: Space, margin: Callable[[Array], Array]) -> Strata:
     if not groups:
         return Strata((Stratum(space),), remainder)
     # the combination is selected by draws without correlation
-    correlated = {name for correlation in space.correlations for name in correlation.names}
     cuts = {name: tuple(groups[name]) for name in sorted(groups, key=lambda name: name in correlated)}
     combinations: list[tuple[float, tuple[int, ...]]] = [(1.0, ())]
     for own in cuts.values():
         wider = [(p * _length(cut), (*key, k)) for p, key in combinations for k, cut in enumerate(own)]
-        combinations = sorted(wider, key=lambda entry: -entry[0])[:4096]
+        combinations = sorted((entry for entry in wider if entry[0] > LEAST), key=lambda entry: -entry[0])[:4096]
     parts = []
     for together in _alike(combinations)[:32]:
         probabilities = np.array([p for p, _ in together])
@@ -514,7 +543,7 @@ def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[t
     """Return the combinations, most probable first, grouped by the power of ten of their probability."""
     found: list[list[tuple[float, tuple[int, ...]]]] = []
     for entry in combinations:
-        if found and len(found[-1]) < 64 and found[-1][0][0] < 10 * entry[0] and any(found[-1][0][1]):
+        if found and len(found[-1]) < 256 and found[-1][0][0] < 10 * entry[0] and any(found[-1][0][1]):
             found[-1].append(entry)
         else:
             found.append([entry])
@@ -569,16 +598,24 @@ def _hides(law: Law) -> bool:
     return bool((steep & (np.diff(scores) < 0.5)).any() or torn.any())
 
 
-def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Callable[[Array], Array]) -> list[Array]:
+def _groups(
+    space: Space,
+    draw: Draw,
+    columns: slice,
+    cells: Array,
+    margin: Callable[[Array], Array],
+    sides: Callable[[Array], Array],
+    limit: float,
+) -> list[Array]:
     """Return the usual cells of a draw, then groups of rare ones; each as intervals ``(k, 2)``."""
     shares = cells[:, 1] - cells[:, 0]
-    if shares.min() >= RARE:
+    if shares.min() >= limit:
         return [cells]
     severity, matters = _severity(space, draw, columns, cells, margin)
     if not matters:
         return [cells]
     if len(cells) <= 8:
-        labels = np.where(shares < RARE, np.arange(1, len(cells) + 1), 0)
+        labels = np.where(shares < limit, np.arange(1, len(cells) + 1), 0)
         if not (labels == 0).any():
             return [cells]
     else:
@@ -587,6 +624,12 @@ def _groups(space: Space, draw: Draw, columns: slice, cells: Array, margin: Call
         reached[order] = np.cumsum(shares[order])
         decade = np.minimum(np.floor(np.log10(np.maximum(reached, 1e-16)) + 1e-9), math.log10(RARE) - 1)
         labels = np.where(reached < RARE, -decade, 0).astype(int)
+        for across in _severities(space, draw, columns, cells, sides, 1)[0] if limit > RARE else ():
+            order = np.argsort(across, kind="stable")
+            apart = (np.diff(across[order]) > _GAP * np.ptp(across)) & (np.cumsum(shares[order])[:-1] < limit)
+            groups = np.append(np.cumsum(apart[::-1])[::-1], 0) + (labels.max() + 1)
+            own = order[(groups > groups[-1]) & (labels[order] == 0)]
+            labels[own] = groups[np.argsort(order)][own]
     found = []
     # the usual cells have the label 0
     for label in (0, *sorted(set(labels[labels != 0].tolist()))):
@@ -599,26 +642,33 @@ def _severity(
     space: Space, draw: Draw, columns: slice, cells: Array, margin: Callable[[Array], Array]
 ) -> tuple[Array, bool]:
     """Return the least margin in each cell over several values of the others, and whether it depends on the cell."""
+    least, most = _severities(space, draw, columns, cells, margin, 8)
+    span = most.max(axis=1) - least.min(axis=1)
+    matters = bool((span > 1e-12 * (1 + np.abs(least).max(axis=1))).any())
+    return least.min(axis=0), matters
+
+
+def _severities(
+    space: Space, draw: Draw, columns: slice, cells: Array, margin: Callable[[Array], Array], most_probes: int
+) -> tuple[Array, Array]:
+    """Return the least and the largest margin in each cell, ``(values of the others or sides, cells)``."""
     # just inside both ends, and the middle
     inside = np.array([1e-9, 0.5, 1 - 1e-9]) if draw.law.lines is not None else np.array([0.5])
     # fewer values of the others for a law of many cells
-    count = max(1, min(8, 100_000 // (inside.size * len(cells))))
+    count = max(1, min(most_probes, 100_000 // (inside.size * len(cells))))
     probes = np.random.Generator(np.random.Philox(0)).standard_normal((space.size, count))
     probes[:, 0] = 0.0
     others = from_normals(space, probes)
-    least, most = np.full((count, len(cells)), np.inf), np.full((count, len(cells)), -np.inf)
+    found = []
     step = max(1, 16_384 // (count * inside.size))
     for first in range(0, len(cells), step):
         part = cells[first : first + step]
         uniforms = (part[:, :1] + (part[:, 1:] - part[:, :1]) * inside).ravel()
         x = np.repeat(others, uniforms.size, axis=1)
         x[columns] = draw.law.sample(np.tile(uniforms, (draw.law.size, count)))
-        margins = margin(x).reshape(count, len(part), inside.size)
-        least[:, first : first + step] = margins.min(axis=2)
-        most[:, first : first + step] = margins.max(axis=2)
-    span = most.max(axis=1) - least.min(axis=1)
-    matters = bool((span > 1e-12 * (1 + np.abs(least).max(axis=1))).any())
-    return least.min(axis=0), matters
+        found.append(margin(x).reshape(-1, len(part), inside.size))
+    margins = np.concatenate(found, axis=1)
+    return margins.min(axis=2), margins.max(axis=2)
 
 
 def _arrange_cells(law: Law, cells: Array, severity: Array, chosen: NDArray[np.bool_]) -> Array:

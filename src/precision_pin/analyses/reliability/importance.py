@@ -29,6 +29,8 @@ from precision_pin.analyses.reliability.estimates import (
 )
 from precision_pin.analyses.reliability.form import (
     FARTHEST,
+    LEAST,
+    NEGLIGIBLE,
     DesignPoint,
     Form,
     Jump,
@@ -257,7 +259,8 @@ def _estimate(weights: Array, proposal: _Proposal, checks: Array, confidence: fl
             f"{variation:.2g}"
         )
     low, high = skewed_interval(probability, variation * probability, skewness, samples, confidence)
-    return Estimate(METHOD, probability, (low, min(1.0, high / (1 - missed))), variation, samples, enough, note)
+    high = min(high / (1 - missed), 1.0) if missed < 1 else 1.0
+    return Estimate(METHOD, probability, (low, high), variation, samples, enough, note)
 
 
 REPLICATES: Final = 12
@@ -266,6 +269,8 @@ _SHARE: Final = 0.1
 _MOST_LEVELS: Final = 12
 _KEPT: Final = 0.8
 _TOLD: Final = 160
+# fraction of the probability found below which strata and sides have no further levels
+_UNSEEN: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +280,7 @@ class Subset(Fixed):
     Attributes:
         failures: ``(d, F)`` failures of all replicates in turn, with the conditional distribution of failures.
         counted: Number of failures among the samples of the first level, and number of these samples.
-        highest: Largest probability of a replicate, or of the last level of a replicate without failure.
+        highest: Largest probability of a replicate, with that of the last level where it had no failure.
     """
 
     estimate: Estimate
@@ -284,61 +289,120 @@ class Subset(Fixed):
     highest: float
 
 
-def subset_simulation(margin: Margin, size: int, *, seed: int, samples: int, confidence: float) -> Subset:
+def subset_simulation(
+    margin: Margin,
+    size: int,
+    *,
+    seed: int,
+    samples: int,
+    confidence: float,
+    levels: tuple[int, int] | None = None,
+    least: float = 0.0,
+) -> Subset:
     """Return the probability of failure as a product of conditional probabilities of 0.1 (Au and Beck, 2001).
 
     The samples of each level move by u ← 0.8 u + 0.6 z; a move out of the level is rejected (Papaioannou, Betz,
     Zwirglmaier and Straub, 2015). Twelve independent replicates give the mean, its coefficient of variation and its
     interval. The interval is that of a mean of log-normal values, because products of several estimates are skewed.
+
+    Levels do not cross a valley. A margin with several rows ``(sides, N)``, those of exclusive failures, has levels for
+    each: first for the nearest, then for the others down to a thousandth of the probability found.
+
+    Args:
+        samples: Samples of the first level.
+        levels: Samples of each further level, for the nearest side and for the others.
+        least: Probability below which no level is tried.
     """
-    run = _Run(margin, np.random.Generator(np.random.Philox(seed)), samples)
-    found, reached, levels = run.found(size)
-    count = REPLICATES * samples
-    probability = float(found.mean())
-    kept = [failed[:, run.generator.permutation(failed.shape[1])[:_TOLD]] for failed in run.failures]
-    highest = float(np.where(found > 0, found, reached).max())
-    if run.counted and (levels == 0).all():
-        estimate = plain_estimate(run.counted, count, confidence, SUBSET_METHOD)
+    generator = np.random.Generator(np.random.Philox(seed))
+    u = generator.standard_normal((REPLICATES, size, samples))
+    values = _margins(margin, u)
+    runs: list[_Run] = []
+    found = np.zeros(REPLICATES)
+    for row in np.argsort(values.mean(axis=(1, 2)), kind="stable").tolist():
+        count = (levels or (samples, samples))[bool(runs)]
+        runs.append(_Run(margin, row, generator, count, max(least, _UNSEEN * float(found.mean()))))
+        runs[-1].run(u, values[row])
+        found = found + runs[-1].found
+    count, counted = REPLICATES * samples, int((values < 0).sum())
+    probability, unseen = float(found.mean()), sum(run.unseen for run in runs if not run.found.any())
+    evaluations = count + sum(run.evaluations for run in runs)
+    if counted and all((run.levels == 0).all() for run in runs):
+        estimate = plain_estimate(counted, count, confidence, SUBSET_METHOD)
     else:
         variation = float(found.std(ddof=1)) / math.sqrt(REPLICATES) / probability if probability else math.inf
         enough = bool((found > 0).all()) and variation <= LARGEST_VARIATION
         note = "" if enough else f"not resolved: coefficient of variation {variation:.2g}"
         if not probability:
-            note = f"not resolved: no failure down to a probability of {_SHARE ** int(levels.max()):.0e}"
-        known = clopper_pearson(run.counted, count, confidence)
-        interval = log_normal_interval(found, confidence) if enough else known
-        estimate = Estimate(SUBSET_METHOD, probability, interval, variation, run.evaluations, enough, note)
-    return Subset(estimate, np.concatenate(kept, axis=1), (run.counted, count), highest)
+            note = f"not resolved: no failure down to a probability of {unseen:.0e}"
+        low, high = clopper_pearson(counted, count, confidence)
+        if enough:
+            low, high = log_normal_interval(found, confidence)
+        interval = low, min(1.0, high + unseen * enough)
+        estimate = Estimate(SUBSET_METHOD, probability, interval, variation, evaluations, enough, note)
+    highest = sum(max(run.unseen, float(run.found.max())) for run in runs)
+    return Subset(estimate, _told(runs, found), (counted, count), highest)
+
+
+def _told(runs: Sequence[_Run], found: Array) -> Array:
+    """Return failures ``(d, F)`` of all replicates in turn, those of each side in proportion to its probability."""
+    kept = [runs[0].failures[0][:, :0]]
+    for k, whole in enumerate(found):
+        failing = [(run.found[k] / whole, run.failures[k]) for run in runs if run.found[k]]
+        most = min([_TOLD, *(failures.shape[1] / share for share, failures in failing)])
+        for share, failures in failing:
+            kept.append(failures[:, runs[0].generator.permutation(failures.shape[1])[: round(most * share)]])
+    return np.concatenate(kept, axis=1)
+
+
+def _margins(margin: Margin, u: Array) -> Array:
+    """Return the margins ``(sides, replicates, N)`` of samples ``(replicates, d, N)``."""
+    replicates, size, count = u.shape
+    flat = np.moveaxis(u, 1, 0).reshape(size, -1)
+    return margin(flat).reshape(-1, replicates, count)
 
 
 class _Run:
-    def __init__(self, margin: Margin, generator: np.random.Generator, samples: int) -> None:
-        self.margin, self.generator, self.samples = margin, generator, samples
-        self.evaluations = self.counted = 0
+    """The levels of all replicates to one side.
+
+    Attributes:
+        samples: Number of samples of each level but the first.
+        found, reached: ``(REPLICATES,)`` probability of failure, and of the last level.
+        levels: Number of the last level, ``(REPLICATES,)``.
+        failures: Failures ``(d, F)`` of each replicate.
+    """
+
+    def __init__(self, margin: Margin, row: int, generator: np.random.Generator, samples: int, least: float) -> None:
+        self.margin, self.row, self.generator, self.samples, self.least = margin, row, generator, samples, least
+        self.evaluations = 0
+        self.found, self.reached = np.zeros(REPLICATES), np.ones(REPLICATES)
+        self.levels = np.zeros(REPLICATES, dtype=int)
         self.failures: list[Array] = []
 
-    def found(self, size: int) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Return, for each replicate, the probability of failure, that of its last level, and the number of levels."""
+    @property
+    def unseen(self) -> float:
+        """Geometric mean of the last levels' probabilities where no failure was found; 0 if it was in all."""
+        reached = self.reached[self.found == 0]
+        return math.exp(float(np.log(reached).mean())) if reached.size else 0.0
+
+    def run(self, u: Array, values: Array) -> None:
+        """Go through the levels; the samples ``(REPLICATES, d, N)`` of the first have the margins ``(REPLICATES, N)``."""
         seeds = max(1, round(_SHARE * self.samples))
-        u = self.generator.standard_normal((REPLICATES, size, self.samples))
-        values = self._margins(u)
-        self.counted = int((values < 0).sum())
-        found, ended = np.zeros(REPLICATES), np.zeros(REPLICATES, dtype=int)
-        reached, active = np.ones(REPLICATES), np.arange(REPLICATES)
+        active = np.arange(REPLICATES)
         self.failures = [u[0, :, :0]] * REPLICATES
         for number in range(_MOST_LEVELS + 1):
-            levels = np.partition(values, seeds - 1, axis=1)[:, seeds - 1]
+            last = max(1, round(_SHARE * values.shape[1])) - 1
+            levels = np.partition(values, last, axis=1)[:, last]
             states, goes = [], []
             for k, (replicate, level) in enumerate(zip(active, levels, strict=True)):
                 at_most = values[k] <= level
                 flat = at_most.all()  # all margins are equal: there is no lower level
-                if level < 0 or flat or number == _MOST_LEVELS:
+                if level < 0 or flat or number == _MOST_LEVELS or self.reached[replicate] < self.least:
                     failed = values[k] < 0
-                    found[replicate] = reached[replicate] * failed.mean()
-                    ended[replicate] = number
+                    self.found[replicate] = self.reached[replicate] * failed.mean()
+                    self.levels[replicate] = number
                     self.failures[replicate] = u[k][:, failed]
                     continue
-                reached[replicate] *= at_most.mean()
+                self.reached[replicate] *= at_most.mean()
                 states.append((k, self.generator.permutation(np.flatnonzero(at_most))[:seeds]))
                 goes.append(k)
             if not goes:
@@ -347,32 +411,26 @@ class _Run:
             state = np.stack([u[k][:, chosen] for k, chosen in states])
             margins = np.stack([values[k][chosen] for k, chosen in states])
             u, values = self._move_samples(state, margins, levels)
-        return found, reached, ended
 
     def _move_samples(self, state: Array, margins: Array, levels: Array) -> tuple[Array, Array]:
         """Return the full number of samples at or below the level of each replicate."""
         states, kept = [state], [margins]
         while sum(part.shape[1] for part in kept) < self.samples:
             tried = _KEPT * state + math.sqrt(1 - _KEPT**2) * self.generator.standard_normal(state.shape)
-            news = self._margins(tried)
+            news = _margins(self.margin, tried)[self.row]
+            self.evaluations += news.size
             inside = news <= levels[:, None]
             state, margins = np.where(inside[:, None], tried, state), np.where(inside, news, margins)
             states.append(state)
             kept.append(margins)
         return np.concatenate(states, axis=2)[:, :, : self.samples], np.concatenate(kept, axis=1)[:, : self.samples]
 
-    def _margins(self, u: Array) -> Array:
-        replicates, size, count = u.shape
-        self.evaluations += replicates * count
-        flat = np.moveaxis(u, 1, 0).reshape(size, -1)
-        return self.margin(flat).reshape(replicates, count)
-
 
 SUBSET_SAMPLES: Final = 2_000
 """Samples in each level of each replicate."""
 
-NEGLIGIBLE: Final = 1e-9
-"""Smallest upper end for a stratum without an estimate, even if levels down to 1e-12 had no failure."""
+FEW_SAMPLES: Final = 500
+"""The same, but for the first level, in strata of rare values and to the sides that are not nearest."""
 
 SMALL: Final = 0.01
 """Ratio of a stratum's probability to the failure probability found so far below which it is not evaluated."""
@@ -411,6 +469,7 @@ def rare_events(
     plain: Estimate,
     seed: int,
     confidence: float,
+    sides: Callable[[Array], Array] | None = None,
 ) -> RareEvents:
     """Return the probability that a margin is below zero, by all methods.
 
@@ -419,18 +478,23 @@ def rare_events(
         starts: Starting points of FORM, standard normal numbers ``(d,)``.
         plain: Estimate by plain sampling.
         seed, confidence: Seed of the sampling, confidence of the intervals.
+        sides: Margins ``(sides, N)`` of exclusive failures that together are all. They are used where a law jumps or is
+            not symmetric, because most failures may then lie opposite the nearest one.
     """
     if not space.size:
         strata = Strata((Stratum(space),))
         return RareEvents(estimates=(plain,), **vars(judged([plain])), form=Form((), 0), strata=strata, remarks=())
-    strata = stratified(space, margin)
+    strata = stratified(space, margin, sides or margin)
     parts: list[_Part] = []
     unknown, found = strata.remainder, 0.0
     for number, stratum in enumerate(strata.parts):
-        if number and not stratum.certain and stratum.probability <= SMALL * found:
+        rest = math.fsum(part.probability for part in strata.parts[number:])
+        if number and not stratum.certain and rest <= SMALL * found:
             unknown += stratum.probability
             continue
-        part = _within(stratum, margin, starts, np.random.SeedSequence((seed, number)), confidence)
+        least = max(LEAST, _UNSEEN * found / stratum.probability) if number else 0.0
+        seeds = np.random.SeedSequence((seed, number))
+        part = _within(stratum, margin, sides or margin, starts, least, seeds, confidence)
         parts.append(part)
         found += stratum.probability * max(entry.probability for entry in part.estimates)
     searched = _together(parts, unknown)
@@ -447,7 +511,9 @@ def rare_events(
 def _within(
     stratum: Stratum,
     margin_of_values: Callable[[Array], Array],
+    sides_of_values: Callable[[Array], Array],
     starts: Sequence[Array],
+    least: float,
     seeds: np.random.SeedSequence,
     confidence: float,
 ) -> _Part:
@@ -463,10 +529,26 @@ def _within(
         failing = stratum.middles[:, failed][:, : bool(stratum.rare)]
         return _Part(stratum, _all_fails(failing), (replace(sure, method=METHOD), replace(sure, method=SUBSET_METHOD)))
     first, second = (int(word) for word in seeds.generate_state(2, np.uint64))
-    subset = subset_simulation(margin, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence)
-    # known failures lead to design points that the symmetric starts may miss
+
+    def toward(normals: Array) -> Array:
+        return np.atleast_2d(sides_of_values(stratum.values(normals)))
+
+    symmetric = stratum.is_symmetric
+    sides = margin if symmetric else toward
+    # few samples tell what matters, unless nothing is known yet
+    for levels in ((FEW_SAMPLES if least else SUBSET_SAMPLES, FEW_SAMPLES), (SUBSET_SAMPLES, SUBSET_SAMPLES)):
+        subset = subset_simulation(
+            sides, size, seed=first, samples=SUBSET_SAMPLES, confidence=confidence, levels=levels, least=least
+        )
+        if subset.estimate.resolved or subset.estimate.probability <= 10 * least or (symmetric and not least):
+            break
+    # known failures lead to design points that the symmetric starts may miss, and so do searches to one side
     every = max(1, subset.failures.shape[1] // _STARTS_OF_FAILURES)
-    searched = form(margin, size, [*starts, *subset.failures.T[::every][:_STARTS_OF_FAILURES]], stratum.jumps)
+    begin = [*starts, *subset.failures.T[::every][:_STARTS_OF_FAILURES]]
+    for row in range(0 if symmetric else len(sides(np.zeros((size, 1))))):
+        aside = form(lambda u, row=row: sides(u)[row], size, [np.zeros(size), *starts[:2]], stratum.jumps)
+        begin += [point.u for point in aside.points]
+    searched = form(margin, size, begin, stratum.jumps)
     shifted = importance_sampling(
         margin, size, searched.points, seed=second, samples=20_000, confidence=confidence,
         failures=subset.failures, expected=subset.estimate.probability, jumps=stratum.jumps,

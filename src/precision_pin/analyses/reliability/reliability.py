@@ -364,6 +364,27 @@ def _margin(layout: SamplerArrays, specification: Specification) -> Callable[[Ar
     return margin
 
 
+def _sides(layout: SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
+    """Return the margins ``(sides, N)``, as that of :func:`_margin`, of failures to either side of each axis.
+
+    A failure is to the side of its largest part. Elsewhere the margin is that of the part along the axis, so that it
+    falls all the way to such a failure, also past the middle.
+    """
+    rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
+    part = specification.quantity.rpartition(".")[2]
+    axes = np.eye(3) if part == "norm" else np.eye(3)[["xyz".index(part)]]
+    ways = np.concatenate([axes, -axes]) / specification.limit
+
+    def margins(x: Array) -> Array:
+        errors = sampler.errors_at(layout, "exact", x)
+        inside = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
+        along = ways @ errors[rows]
+        outside = np.maximum(1 - along, along.max(axis=0) - along)
+        return np.where(along.argmax(axis=0) == np.arange(len(ways))[:, None], inside, outside)
+
+    return margins
+
+
 def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     """Return the starting points of the search, two standard deviations along the tangent's steepest directions."""
     rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
@@ -392,7 +413,10 @@ def _of_specification(
 ) -> SpecificationReliability:
     inside = round(counted.probability * samples)
     plain = plain_estimate(samples - inside, samples, confidence)
-    found = rare_events(at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence)
+    found = rare_events(
+        at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence,
+        _sides(layout, specification),
+    )  # fmt: skip
     failures = (_describe_failure(at, layout, one, found.strata.parts) for one in found.form.points[:LISTED])
     return SpecificationReliability(
         **vars(found),
