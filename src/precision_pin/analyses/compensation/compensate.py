@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
@@ -27,7 +27,6 @@ from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, milli
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.configurations import approach_entry, written_approach
-from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
 from precision_pin.sampling import Progress, check_progress
 
@@ -125,7 +124,6 @@ class CompensationResult(AnalysisResult):
             "dominant_source": dominant or None,
             "iterations": int(made.iterations[pose]),
             "status": made.status[pose],
-            "is_least": bool(made.is_least[pose]) if known else None,
         }
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -258,7 +256,6 @@ def compensate(
             **{name: spread(getattr(correction, name)) for name in ("q", "before", "first_order", "after")},
             iterations=spread(correction.iterations, 0),
             status=tuple(status.tolist()),
-            is_least=spread(correction.is_least, True),
         ),
         within_before=spread(_within(before.mean, before.covariance)),
         within_after=spread(within),
@@ -275,8 +272,8 @@ def _within(mean: Array, covariance: Array) -> Array:
 
 
 CorrectionStatus = Literal["corrected", "limit", "singular", "unreachable"]
-"""``corrected``; ``limit``: none found within the joint limits; ``singular``: some directions cannot be corrected near
-a singularity; ``unreachable``: Newton's method finds no joint values.
+"""``corrected``; ``limit``: none found near the pose within the joint limits; ``singular``: near a singularity some
+directions cannot be corrected, or only on another branch; ``unreachable``: Newton's method finds no joint values.
 """
 
 CONVERGED: Final = 1e-10
@@ -285,14 +282,13 @@ _SETTLED: Final = 1e-6
 """Relative change of the joints in a step below which they are settled: the excess over the minimum is its square."""
 _MOST_ITERATIONS: Final = 20
 _MOST_SETTLING: Final = 200
-"""Steps of a redundant arm."""
+"""Steps of more free joints than corrected components."""
 _LARGEST_STEP: Final = 0.3
 """Largest change of a joint in one step: rad, or lengths of the chain."""
-_MOST_SEARCHING: Final = 100
-_NEAREST, _FARTHEST = 0.03, np.pi
-"""Distance of the scattered starting points from the pose: rad, or lengths of the chain."""
-_ENDS: Final = 8
-"""Number of closest end points of the search that are refined to the smallest change."""
+_PARTS: Final = 4
+"""Parts in which the error is taken off where Newton's method does not find the correction at once."""
+_MOST_CHANGE: Final = 2.0
+"""Largest change of the joints, in changes that the error asks for to first order (Newton-Kantorovich theorem)."""
 _DIFFERENCE: Final = 1e-5
 """Half of the step of the central differences: rad, or lengths of the chain."""
 
@@ -307,8 +303,6 @@ class Correction(Fixed):
             after one step with the nominal Jacobian, and at the corrected ones; ``[d; δ]``, base axes, m and rad, ``(6,
             P)``.
         iterations: Newton steps, ``(P,)``.
-        is_least: Whether the change of the joints was shown to be a local minimum, ``(P,)``; false for some of those
-            found by the search from scattered joint values.
     """
 
     q: Array
@@ -317,7 +311,6 @@ class Correction(Fixed):
     after: Array
     iterations: NDArray[np.int64]
     status: tuple[CorrectionStatus, ...]
-    is_least: NDArray[np.bool_]
 
 
 def correct(
@@ -334,9 +327,10 @@ def correct(
     with the joint values, and the Jacobian is that of the arm with its errors, by central differences. For a redundant
     arm the sum of squares of the joint changes is a local minimum, with a sliding joint in lengths of the chain: each
     step goes to the smallest change that the Jacobian allows. A joint that would pass its limit stays there while the
-    others correct; it leaves the limit again where that makes the change smaller. If nothing is found within the
-    limits, joint values scattered between them are tried, and the correction closest to the pose is taken; none may be
-    found though there is one.
+    others correct; it leaves the limit again where that makes the change smaller.
+
+    A correction is continuous with its pose: no singularity lies between them, and the joints change, as a vector, by at
+    most twice what the error asks for to first order (equation C2 at the pose, joints at their limits held there).
 
     Args:
         values, approaches: Joint values in chain order, ``(n, P)``, rad and m, and the direction in which each joint
@@ -348,13 +342,13 @@ def correct(
     Raises:
         InputError: An error is too large to compute with.
     """
-    arm = _Arm(error_model, error_model.chain.at_columns(values).pose, approaches, weights, is_exact)
-    poses = values.shape[1]
+    poses, wanted = values.shape[1], error_model.chain.at_columns(values).pose
+    arm = _Arm(error_model, wanted, approaches, weights, is_exact, np.zeros((6, poses)))
     before = arm.error(values, np.arange(poses))
     step, smallest = arm.step(np.zeros(values.shape), before, arm.nominal_slopes(values))
     first_order = arm.error(values + step, np.arange(poses))
     found, after, iterations = values.copy(), before.copy(), np.zeros(poses, dtype=np.int64)
-    status, is_least = np.full(poses, "unreachable", dtype="<U11"), np.ones(poses, dtype=bool)
+    status = np.full(poses, "unreachable", dtype="<U11")
     outside = error_model.chain.configurations.outside(values).any(axis=0)
     status[outside] = "limit"
     singular = ~outside & (smallest < SINGULAR_BELOW) & is_exact
@@ -362,17 +356,11 @@ def correct(
     chosen = np.flatnonzero(~outside & ~singular)
     for begin in range(0, len(chosen), _AT_ONCE):
         part = chosen[begin : begin + _AT_ONCE]
-        found[:, part], after[:, part], iterations[part], status[part] = arm.solve(values[:, part], part)
-        for pose in part[status[part] != "corrected"] if is_exact else ():
-            elsewhere = arm.search(values[:, pose], int(pose))
-            if elsewhere is not None:
-                found[:, pose], after[:, pose], steps, is_least[pose] = elsewhere
-                iterations[pose] += steps
-                status[pose] = "corrected"
+        found[:, part], after[:, part], iterations[part], status[part] = arm.follow(values[:, part], part)
         advance(len(part))
     advance(poses - len(chosen))
     found[:, status != "corrected"] = after[:, status != "corrected"] = np.nan
-    return Correction(found, before, first_order, after, iterations, tuple(status.tolist()), is_least)
+    return Correction(found, before, first_order, after, iterations, tuple(status.tolist()))
 
 
 _AT_ONCE: Final = 256
@@ -391,13 +379,17 @@ class _State(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Arm:
-    """The arm with every component at its mean, and its target poses ``(4, 4, P)``; approaches are ``(n, P)``."""
+    """The arm with every component at its mean, and its target poses ``(4, 4, P)``; approaches are ``(n, P)``.
+
+    ``rest``, ``(6, P)``, is the part of the errors that is left as it is.
+    """
 
     error_model: ErrorModel
     wanted: Array
     approaches: NDArray[np.int8] | None
     weights: Array
     is_exact: bool
+    rest: Array
 
     @property
     def units(self) -> Array:
@@ -422,14 +414,15 @@ class _Arm:
         return np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]
 
     def error(self, values: Array, poses: NDArray[np.intp]) -> Array:
-        """Return the error ``(6, P)`` from the targets with numbers ``poses``, at joint values ``(n, P)``."""
+        """Return the error ``(6, P)`` from the targets with numbers ``poses``, less the rest, at joint values ``(n, P)``."""
         approaches = None if self.approaches is None else self.approaches[:, poses]
         parts = tangents(self.error_model.at_columns(values, approaches))
         own = np.concatenate([part.error for part in parts], axis=1)
         nominal = self.error_model.chain.at_columns(values).pose
         wanted = self.wanted[:, :, poses]
         turned = np.einsum("ijp,jkp,lkp->ilp", se3.exp_rotation(own[3:]), nominal[:3, :3], wanted[:3, :3])
-        return np.concatenate([nominal[:3, 3] + own[:3] - wanted[:3, 3], se3.log_rotation(turned)])
+        missed = np.concatenate([nominal[:3, 3] + own[:3] - wanted[:3, 3], se3.log_rotation(turned)])
+        return missed - self.rest[:, poses]
 
     def slopes(self, values: Array, poses: NDArray[np.intp]) -> Array:
         """Return the derivative of :meth:`error` by each joint, in its unit, ``(6, n, P)``, by central differences."""
@@ -463,108 +456,60 @@ class _Arm:
         smallest = sizes[:, -1] if len(self.rows) <= len(moved) else np.zeros(moved.shape[1])
         return step * self.units, smallest
 
-    def search(self, start: Array, pose: int) -> tuple[Array, Array, int, bool] | None:
-        """Return the closest correction of a pose found from scattered starting points; ``None`` if there is none.
-
-        The values are joint values ``(n,)``, error ``(6,)``, steps, and whether the change is a local minimum.
-        """
-        ends, errors = self._descend(self._scattered(start), pose)
-        change = ((ends - start[:, None]) / self.units) ** 2
-        order = np.argsort(change.sum(axis=0), kind="stable")[:_ENDS]
-        if not len(order):
-            return None
-        nearest = ends[:, order]
-        starts, poses = np.repeat(start[:, None], len(order), axis=1), np.full(len(order), pose)
-        values, error, steps, status = self.solve(starts, poses, nearest)
-        open_at = np.flatnonzero(status != "corrected")
-        if len(open_at):
-            # SLSQP decides which joints stay at their limits; Newton's method then settles there and shows that it is a
-            # minimum
-            better = np.stack([self._polished(start, end, pose) for end in nearest[:, open_at].T], axis=1)
-            values[:, open_at], error[:, open_at], more, status[open_at] = self.solve(
-                starts[:, open_at], poses[open_at], better
-            )
-            steps[open_at] += more
-        settled = np.flatnonzero(status == "corrected")
-        sizes = (((values - start[:, None]) / self.units) ** 2).sum(axis=0)
-        best = int(settled[sizes[settled].argmin()]) if len(settled) else -1
-        if best >= 0 and sizes[best] <= change.sum(axis=0)[order[0]] * (1 + _SETTLED):
-            return values[:, best], error[:, best], int(steps[best]), True
-        return nearest[:, 0], errors[:, order[0]], int(steps.sum()), False
-
-    def _polished(self, start: Array, end: Array, pose: int) -> Array:
-        """Return joint values ``(n,)`` of the least change from ``start``, found by SLSQP from a correction ``end``."""
-        from scipy import optimize
-
-        units, of, limits = self.units[:, 0], np.array([pose]), self.error_model.chain.configurations.limits
-        low, high = ((limit - start) / units for limit in limits)
-
-        def missed(change: Array) -> Array:
-            return np.asarray(self.error((start + change * units)[:, None], of)[self.rows, 0])
-
-        def slopes(change: Array) -> Array:
-            return np.asarray(self.slopes((start + change * units)[:, None], of)[self.rows, :, 0])
-
-        found = optimize.minimize(
-            lambda change: (change @ change, 2 * change), np.clip((end - start) / units, low, high), jac=True,
-            bounds=list(zip(low, high, strict=True)), constraints={"type": "eq", "fun": missed, "jac": slopes},
-            method="SLSQP", options={"maxiter": _MOST_SEARCHING, "ftol": CONVERGED**2},
-        )  # fmt: skip
-        if not np.isfinite(found.x).all():
-            return end
-        values = np.where(found.x <= low + CONVERGED, limits[0], start + found.x * units)
-        values = np.where(found.x >= high - CONVERGED, limits[1], values)
-        return np.asarray(values)
-
-    def _scattered(self, start: Array) -> Array:
-        """Return fixed joint values within the limits ``(n, S)``, from near the pose to half a turn away."""
-        low, high = self.limits
-        # starting points of the search for a pose that has no correction near it
-        points = spread_points(len(start) + 1, 64)
-        reach = _NEAREST * (_FARTHEST / _NEAREST) ** np.sqrt(points[-1]) * self.units
-        bottom, top = np.maximum(low, start[:, None] - reach), np.minimum(high, start[:, None] + reach)
-        return np.asarray(bottom + (top - bottom) * points[:-1])
-
-    def _descend(self, values: Array, pose: int) -> tuple[Array, Array]:
-        """Return the end points of damped steps within the limits from values ``(n, S)``, and the errors there.
-
-        The nominal arm's Jacobian is close enough for a descent; a joint that would pass its limit stays.
-        """
-        low, high = self.limits
-        scale, values = self.scale, values.copy()
-        poses = np.full(values.shape[1], pose)
-        error = self.error(values, poses)
-        damping = np.full(values.shape[1], 1e-2)
-        for _ in range(_MOST_SEARCHING):
-            at = np.flatnonzero(~self._is_done(error, None) & (damping < 1e6))
-            if not len(at):
-                break
-            slopes = self.nominal_slopes(values[:, at])[self.rows] * scale[:, None]
-            residual = error[self.rows][:, at] * scale
-            gradient = np.einsum("rjp,rp->jp", slopes, residual)
-            held = ((values[:, at] <= low) & (gradient > 0)) | ((values[:, at] >= high) & (gradient < 0))
-            slopes = np.where(held, 0.0, slopes)
-            normal = np.einsum("rjp,rkp->pjk", slopes, slopes) + damping[at, None, None] * np.eye(len(values))
-            step = -np.linalg.solve(normal, np.where(held, 0.0, gradient).T[..., None])[..., 0].T
-            step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(np.abs(step).max(axis=0), _LARGEST_STEP))
-            tried = np.clip(values[:, at] + step * self.units, low, high)
-            missed = self.error(tried, poses[at])
-            better = ((missed[self.rows] * scale) ** 2).sum(axis=0) < (residual**2).sum(axis=0)
-            values[:, at[better]], error[:, at[better]] = tried[:, better], missed[:, better]
-            damping[at] = np.where(better, np.maximum(damping[at] * 0.2, 1e-12), damping[at] * 4)
-        done = self._is_done(error, None)
-        return values[:, done], error[:, done]
-
-    def solve(
-        self, start: Array, poses: NDArray[np.intp], begin: Array | None = None
-    ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
+    def follow(self, start: Array, poses: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.str_]]:
         """Return corrected joint values ``(n, P)``, errors ``(6, P)``, numbers of steps and statuses ``(P,)``.
 
-        The change is measured from ``start``; the first step is from ``begin``, by default the same.
+        Where Newton's method does not lead to the correction at once, the error is taken off in equal parts.
         """
+        before, slopes, rest = self.error(start, poses), self.slopes(start, poses), np.zeros(self.rest.shape)
+        values, after, iterations = start.copy(), before.copy(), np.zeros(len(poses), dtype=np.int64)
+        status = np.full(len(poses), "unreachable", dtype="<U11")
+        for parts in (1, _PARTS):
+            of = np.flatnonzero(status != "corrected")
+            at = start[:, of]
+            for part in reversed(range(parts)):
+                if not len(of):
+                    break
+                rest[:, poses[of]] = before[:, of] * (part / parts)
+                state, reached = replace(self, rest=rest).solve(start[:, of], poses[of], at)
+                iterations[of] += state.iterations
+                is_free = state.free.all(axis=0)
+                is_near = reached if part else reached & self._is_near(state, slopes[:, :, of], before[:, of])
+                status[of] = np.where(is_free, np.where(reached, "singular", "unreachable"), "limit")
+                of, at, error = of[is_near], state.values[:, is_near], state.error[:, is_near]
+            if len(of):
+                values[:, of], after[:, of], status[of] = at, error, "corrected"
+        return values, after, iterations, status
+
+    def _is_near(self, state: _State, slopes: Array, before: Array) -> NDArray[np.bool_]:
+        """Return whether corrections are on the branch of the poses, and as near as the errors ``before`` ask for.
+
+        The Jacobian, at the poses ``slopes`` = U Σ Vᵀ, must not become singular on the straight way to the corrections:
+        as far as it is linear there, no eigenvalue of Uᵀ J V Σ⁻¹ is then negative.
+        """
+        scale = self.scale if self.is_exact else self.weights[self.rows, None]
+        moved = (state.values - state.start) / self.units
+        held = np.where(state.free, 0.0, moved)
+        first, last = (
+            np.moveaxis(of[self.rows] * scale[:, None] * state.free, -1, 0)
+            for of in (slopes, self.slopes(state.values, state.poses))
+        )
+        left, sizes, right = np.linalg.svd(first, full_matrices=False)
+        safe = sizes > SINGULAR_BELOW * (1.0 if self.is_exact else sizes[:, :1])
+        inverse = np.where(safe, 1 / np.where(safe, sizes, 1.0), 0.0)
+        error = (before[self.rows] + np.einsum("rjp,jp->rp", slopes[self.rows], held)) * scale
+        step = inverse * np.einsum("pij,ip->pj", left, error)
+        needed = np.hypot(np.linalg.norm(step, axis=1), np.linalg.norm(held, axis=0))
+        ratio = left.swapaxes(1, 2) @ last @ right.swapaxes(1, 2) * inverse[:, None]
+        ratio = np.where(safe[:, None] & safe[:, :, None], ratio, np.eye(safe.shape[1]))
+        is_near = np.linalg.norm(moved, axis=0) <= _MOST_CHANGE * needed + CONVERGED
+        is_near &= np.linalg.eigvals(ratio).real.min(axis=1) > 0
+        return np.asarray(is_near & safe.all(axis=1) if self.is_exact else is_near)
+
+    def solve(self, start: Array, poses: NDArray[np.intp], begin: Array) -> tuple[_State, NDArray[np.bool_]]:
+        """Return corrections, found from ``begin``, and whether each was; the change is measured from ``start``."""
         low, high = self.limits
-        values = start.copy() if begin is None else begin.copy()
-        free = np.ones(values.shape, dtype=bool) if begin is None else (values > low) & (values < high)
+        values, free = begin.copy(), np.ones(begin.shape, dtype=bool)
         iterations = np.zeros(values.shape[1], dtype=np.int64)
         error = self.error(values, poses)
         state = _State(start, values, error, free, iterations, poses)
@@ -581,13 +526,15 @@ class _Arm:
             leaving, joint = self._leaving(state, settled)
             free[joint[leaving], settled[leaving]] = True
             remaining = np.concatenate([remaining[passed], settled[leaving]])
+            if self.is_exact:
+                hopeless = free[:, remaining].sum(axis=0) < len(self.rows)
+                reached[remaining[hopeless]], remaining = False, remaining[~hopeless]
             if not len(remaining):
                 break
             values[:, remaining] = np.clip(values, low, high)[:, remaining]
             error[:, remaining] = self.error(values[:, remaining], poses[remaining])
         reached[remaining] = False
-        status = np.where(reached, "corrected", np.where(free.all(axis=0), "unreachable", "limit"))
-        return values, error, iterations, status
+        return state, reached
 
     def _leaving(self, state: _State, of: NDArray[np.intp]) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
         """Return which of the poses ``of`` have a joint at its limit that should leave it, and which joint."""
@@ -618,8 +565,10 @@ class _Arm:
         done = self._is_done(error, None)
         if is_redundant:
             done &= (values == start).all(axis=0)
-        for _ in range(_MOST_SETTLING if is_redundant else _MOST_ITERATIONS):
-            active = asked[~done[asked]]
+        has_choice = self.is_exact & (free[:, asked].sum(axis=0) > len(self.rows))
+        most = np.where(has_choice, _MOST_SETTLING, _MOST_ITERATIONS)
+        for made in range(most.max(initial=0)):
+            active = asked[~done[asked] & (made < most)]
             if not len(active):
                 break
             slopes = self.slopes(values[:, active], poses[active]) * free[:, active]

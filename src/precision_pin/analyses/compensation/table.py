@@ -25,8 +25,8 @@ _ZERO: Final = 1e-9
 """Errors (m and rad) below which nothing needs correction."""
 _CORRECTED: Final = {"position": "position", "pose": "position and attitude"}
 _REASONS: Final = {
-    "limit": "no correction was found within the joint limits, which does not show that there is none",
-    "singular": "near a singularity, where not every direction can be corrected",
+    "limit": "no correction was found near the pose within the joint limits, which does not show that there is none",
+    "singular": "near a singularity, where not every direction can be corrected, or only with another branch of the arm",
     "unreachable": "no joint values found, which does not show that there are none",
 }
 
@@ -40,8 +40,6 @@ def compensation_table(result: CompensationResult) -> str:
     hidden = len(result.poses) - len(rows) + 1
     lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
     lines += [f"{reason}: {why}" for reason, why in _REASONS.items() if reason in result.correction.status]
-    farther = int((~result.correction.is_least).sum())
-    lines += [f"at {farther:,} of the poses a smaller change of the joints may do"] if farther else []
     of = result.provenance
     lines += ["", EXPLANATION, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)]
     return "\n".join(lines)
