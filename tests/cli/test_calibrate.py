@@ -263,6 +263,44 @@ def test_a_page_refuses_readings_before_anything_long_begins(refused, folder, ro
         assert message in refused(command, f"{sheet}.errors.yaml", "--calibrate", data, "--out", out, "--quiet")
 
 
+@pytest.mark.slow
+def test_a_joint_shown_with_another_is_named_and_the_line_that_is_said_mends_it(run, refused, folder, rows):
+    """Joint 3 as a control shows it against the horizontal, the sum with joint 2, by the numbers of the file."""
+    shown = rows.copy()
+    shown[:, 2] += shown[:, 1]
+    write(folder, "shown.csv", shown)
+    for std in ("estimate", "20 um"):
+        said = refused("calibrate", "quick.errors.yaml", "shown.csv", "--std", std)
+        assert "E_COUPLED: readings fit far better where one joint is shown with another" in said
+    line = said.partition("write measurement: {")[2].partition("} in the sheet")[0]
+    assert line == "coupled: {joint3: joint3 - joint2}"
+    told = INSTRUMENT.replace("}\n", f", {line}}}\n")
+    (folder / "told.errors.yaml").write_text(QUICK_SHEET + told)
+    as_shown, as_is = (
+        run("calibrate", *files, "--json", "-").json
+        for files in (("told.errors.yaml", "shown.csv"), ("quick.errors.yaml", "data.csv"))
+    )
+    assert as_shown["posterior"]["mean"] == pytest.approx(as_is["posterior"]["mean"], rel=1e-6, abs=1e-9)
+    # a rehearsal shows the joints so, too
+    for sheet in ("told", "quick"):
+        run("simulate", f"{sheet}.errors.yaml", "--q", "10 20 30 40 deg", "--out", f"{sheet}.csv")
+    written = [np.genfromtxt(f"{sheet}.csv", delimiter=",", skip_header=2) for sheet in ("told", "quick")]
+    np.testing.assert_allclose(written[0] - written[1], [0, 0, 20, 0, 0, 0, 0, 0], atol=1e-9)
+
+
+def test_wrong_couplings_are_refused_at_their_line(refused, folder, rows):
+    for given, said in (
+        ("{joint3: joint3 * 2}", "coupled: joint3: such as 'joint3 - joint2' is expected, got 'joint3 * 2'"),
+        ("{joint3: joint3 - joint9}", "no joint of coupled named 'joint9'"),
+        ("{joint9: joint3}", "no joint of coupled named 'joint9'"),
+        ("{joint3: joint2}", "coupled: the values of the joints do not follow from those in the columns"),
+    ):
+        (folder / "told.errors.yaml").write_text(QUICK_SHEET + INSTRUMENT.replace("}\n", f", coupled: {given}}}\n"))
+        told = refused("calibrate", "told.errors.yaml", "data.csv")
+        assert said in told
+        assert told.startswith("told.errors.yaml:8: error ")
+
+
 # several measurements of one sheet -----------------------------------------------------------------------------------
 
 MIXED = """

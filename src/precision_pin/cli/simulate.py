@@ -95,7 +95,8 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     )
     comments = [visible(f"simulated: {truth}", _LONGEST)]
     if cycles is None:
-        text = readings_csv(model.chain, q, measurement.kind, readings, measurement.std, comments)
+        columns = np.asarray(np.linalg.solve(measurement.mixing(model.chain), q), dtype=float)
+        text = readings_csv(model.chain, columns, measurement.kind, readings, measurement.std, comments)
     else:
         names = [f"P{rank}" for rank in range(1, len(asked) + 1)]
         text = cycles_csv(names, cycles, measurement.kind, readings, comments)

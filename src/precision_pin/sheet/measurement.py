@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
@@ -33,6 +34,7 @@ from precision_pin.base.arguments import (
     check_flag,
     check_instance,
     check_items,
+    check_name,
     check_numbers,
     check_quantities,
     check_quantity,
@@ -43,7 +45,7 @@ from precision_pin.base.csv_columns import ColumnNames
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
-from precision_pin.sheet.settings import SettingError
+from precision_pin.sheet.settings import SettingError, placed
 from precision_pin.sources.payload import Payload
 
 _AXES: Final = ("x", "y", "z")
@@ -158,6 +160,8 @@ OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "s
 """Settings of one kind only."""
 
 _NAME: Final = re.compile(r"\w*")
+_SUM: Final = re.compile(r"\s*[+-]?\s*[^\s+-]\S*(\s+[+-]\s*[^\s+-]\S*)*\s*")
+_TERM: Final = re.compile(r"([+-]?)\s*([^\s+-]\S*)")
 ESTIMATE: Final = "estimate"
 """A standard deviation for a calibration to find."""
 _LEVER: Final = 0.1
@@ -233,6 +237,7 @@ class Measurement:
     target_name: str = ""
     base_name: str = ""
     columns: str = ""
+    coupled: Mapping[str, str] | tuple[tuple[str, str], ...] = ()
     std_known: bool = True
 
     def __post_init__(self) -> None:
@@ -265,6 +270,9 @@ class Measurement:
         ColumnNames.parse(
             check_instance("columns of a measurement", self.columns, str, "such as 't=ignore, *=[m rad]'")
         )
+        what, sums = "coupled of a measurement", dict(self.coupled) if isinstance(self.coupled, tuple) else self.coupled
+        texts = check_items(what, check_instance(what, sums, dict, "{'joint3': 'joint3 - joint2'}").values(), str)
+        self._fix("coupled", tuple(zip(sums, texts, strict=True)))
         for name, kind in OWN.items():
             value = getattr(self, name)
             is_given = any(value) if isinstance(value, tuple) else value is not None
@@ -297,6 +305,25 @@ class Measurement:
         self._fix("visible_from", _point("visible_from of a measurement", self.visible_from))
         facing = (0.0, 0.0, 1.0) if self.facing is None else self.facing
         self._fix("facing", _direction("facing of a measurement", facing))
+
+    def mixing(self, chain: Chain) -> Array:
+        """Return the matrix ``(n, n)`` that makes joint values of those in the columns of a data file."""
+        names, result = chain.joint_names, np.eye(len(chain.joint_names))
+        for joint, text in dict(self.coupled).items():
+            row = names.index(check_name("joint of coupled", joint, names))
+            if not _SUM.fullmatch(text):
+                raise InputError(
+                    f"coupled: {joint}: such as '{joint} - {names[row - 1]}' is expected, got {shown(text)}"
+                )
+            result[row] = 0.0
+            for sign, name in _TERM.findall(text):
+                column = names.index(check_name("joint of coupled", name, names))
+                result[row, column] += -1.0 if sign == "-" else 1.0
+                if chain.prismatic[column] != chain.prismatic[row]:
+                    raise InputError(f"coupled: {joint}: {name} is no {'length' if chain.prismatic[row] else 'angle'}")
+        if abs(np.linalg.det(result)) < 0.5:
+            raise InputError("coupled: the values of the joints do not follow from those in the columns")
+        return result
 
     def _fix(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -458,6 +485,17 @@ class Measurement:
         return {key: encode(own[key] if key in own else getattr(self, key)) for key in _KEYS}
 
 
+def written_sums(mixing: Array, names: Sequence[str]) -> str:
+    """Return a matrix of :meth:`Measurement.mixing` as ``coupled`` has it; empty if it only turns joints around."""
+    if np.array_equal(np.abs(mixing), np.eye(len(names))):
+        return ""
+    sums = []
+    for name, row in zip(names, mixing, strict=True):
+        terms = [f"{'-' if row[k] < 0 else '+'} {names[k]}" for k in np.argsort(-row, kind="stable") if row[k]]
+        sums += [f"{name}: {' '.join(terms)}".replace(": + ", ": ").replace(": - ", ": -")] * (terms != [f"+ {name}"])
+    return ", ".join(sums)
+
+
 def _named(numbers: tuple[str, ...], name: str) -> tuple[str, ...]:
     """Return ``base.x`` as ``base[name].x``."""
     return tuple(number.replace(".", f"[{name}].") for number in numbers) if name else numbers
@@ -529,6 +567,10 @@ class MeasurementEntry(BaseModel):
     columns: str = Field(
         "", description="What the columns of a data file are, such as 'q1=joint1 [deg], t=ignore, *=[m rad]'."
     )
+    coupled: dict[str, str] = Field(
+        default_factory=dict,
+        description="What a joint's value is in the columns of a data file: {joint3: joint3 - joint2} if joint3 is their sum.",
+    )
 
 
 _READ: Final = ("attitude_std", "std", "target", "anchor", "sockets", "visible_from", "facing", "cone")
@@ -550,9 +592,12 @@ def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
         _read(("plane", name), getattr(entry.plane, name)) for name in ("point", "normal")
     )
     read = {name: _read((name,), getattr(entry, name)) for name in _READ}
-    same = {name: getattr(entry, name) for name in ("kind", "base", "target_name", "base_name", "columns")}
+    same = {name: getattr(entry, name) for name in ("kind", "base", "target_name", "base_name", "columns", "coupled")}
     is_known = entry.target_known == "true"
-    return Measurement(**read, **same, target_known=is_known, plane=plane, load=_read_load(entry, chain))
+    found = Measurement(**read, **same, target_known=is_known, plane=plane, load=_read_load(entry, chain))
+    with placed("coupled"):
+        found.mixing(chain)
+    return found
 
 
 def only_one(measurements: tuple[Measurement, ...], file: str | None = None) -> Measurement:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
-from precision_pin.analyses.calibration.data import read_data
-from precision_pin.analyses.calibration.design import stations_of
+from precision_pin.analyses.calibration.data import CalibrationData, read_data
+from precision_pin.analyses.calibration.design import Instruments, first_guess, stations_of
 from precision_pin.analyses.calibration.fit import Problem
 from precision_pin.base import se3
 from precision_pin.sources import JointOffset, Payload
@@ -170,6 +171,122 @@ def test_unknown_targets_are_found(tmp_path):
         ("targets 1, 2, 3 and one known target", pp.calibrate, model(), path, two[0]),
         ("share target and say different things", pp.calibrate, model(), [(Q, np.ones((12, 3)))] * 2, two),
     )
+
+
+# base and target of any turn, and gross errors -----------------------------------------------------------------------
+
+NO_STD = np.zeros(0)
+
+
+def turned(kind, rng):
+    """Return attitudes ``(P,)`` of the tool, 43 of any turn, about one axis, or 40 alike and 3 alike."""
+    if kind == "any":
+        return Rotation.random(43, rng=rng)
+    if kind == "one axis":
+        return Rotation.from_rotvec(rng.uniform(-3, 3, (43, 1)) * [[0.0, 0.6, 0.8]])
+    return Rotation.random(rng=rng) * Rotation.from_rotvec(
+        np.pi / 2 * (np.arange(43) > 39)[:, None] * [[0.0, 0.0, 1.0]]
+    )
+
+
+@pytest.mark.parametrize("base", ["free", "known"])
+@pytest.mark.parametrize("attitudes", ["any", "one axis", "two attitudes"])
+def test_the_first_guess_is_exact_for_any_turn(attitudes, base):
+    """Readings by products of matrices, without noise: the guess gives the same, and where it is determined the set-up."""
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        turns, places = turned(attitudes, rng), rng.uniform(-0.5, 0.5, (43, 3))
+        seen_from, target = Rotation.random(rng=rng), Rotation.random(rng=rng)
+        origin, offset = rng.uniform(-2, 2, 3), rng.uniform(-0.3, 0.3, 3)
+        if base == "known":
+            seen_from, origin = Rotation.identity(), np.zeros(3)
+        seen = seen_from.apply(places + turns.apply(offset)) + origin
+        whole = np.hstack([seen, (seen_from * turns * target).as_rotvec()])
+        tips = np.tile(np.eye(4), (43, 1, 1))
+        tips[:, :3, :3], tips[:, :3, 3] = turns.as_matrix(), places
+        for kind, size in (("pose", 6), ("position", 3)):
+            part = pp.Measurement(kind, base=base, target_known=False)
+            data = CalibrationData(np.zeros((4, 43)), whole[:, :size], NO_STD, NO_STD, "", tuple(range(43)), (part,))
+            (found,), nuisances = first_guess(data, tips, Instruments((part,)))
+            own = nuisances[-size:]
+            again = (places + turns.apply(own[:3])) @ found[:3, :3].T + found[:3, 3]
+            np.testing.assert_allclose(again, seen, atol=1e-9)
+            np.testing.assert_allclose(found[:3, :3], seen_from.as_matrix(), atol=1e-9)
+            if kind == "pose":
+                assert (Rotation.from_rotvec(own[3:]) * target.inv()).magnitude() < 1e-8
+            if attitudes == "any" or base == "known":
+                np.testing.assert_allclose(own[:3], offset, atol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("degrees", "std"), [(90, "estimate"), (180, 2e-5)])
+def test_a_marker_turned_on_the_tool_is_found_with_the_base(degrees, std):
+    """The arm is the sheet's, 12 poses; least squares of base and marker alone, by SciPy, leaves the same residuals."""
+    q, rng = Q, np.random.default_rng(3)
+    pose = CHAIN.at_columns(q).pose
+    turns, places = Rotation.from_matrix(np.moveaxis(pose[:3, :3], -1, 0)), pose[:3, 3].T
+    marker, base = Rotation.from_rotvec([0, 0, degrees], degrees=True), Rotation.from_rotvec([0, 0.2, 0.4])
+    origin = np.array([1.5, -0.7, 0.2])
+    seen = base.apply(places + turns.apply([0.02, 0.01, 0.1])) + origin + rng.normal(0, 2e-5, (12, 3))
+    attitudes = base * turns * marker * Rotation.from_rotvec(rng.normal(0, 2e-4, (12, 3)))
+
+    def residuals(x):
+        here, there = Rotation.from_rotvec(x[3:6]) * base, marker * Rotation.from_rotvec(x[9:])
+        off = (attitudes.inv() * here * turns * there).as_rotvec()
+        return np.hstack([(here.apply(places + turns.apply(x[6:9])) + x[:3] - seen) / 2e-5, off / 2e-4]).ravel()
+
+    alone = least_squares(residuals, np.r_[origin, np.zeros(3), 0.02, 0.01, 0.1, np.zeros(3)])
+    free = {"base": "free", "target_known": False, "attitude_std": None if std == "estimate" else 2e-4}
+    found = pp.calibrate(
+        model(1e-6), (q, np.hstack([seen, attitudes.as_rotvec()])), pp.Measurement("pose", std=std, **free)
+    )
+    assert (found.verdict in ("agrees", "not tested"), found.gross_errors) == (True, ())
+    np.testing.assert_allclose(found.set_up.target, alone.x[6:9], atol=5e-6)
+    if std == "estimate":
+        assert found.noise["std"].interval[0] < 2e-5 < found.noise["std"].interval[1]
+    else:
+        white = found.residuals_before / np.repeat([2e-5, 2e-4], 3)
+        assert (white**2).sum() == pytest.approx(2 * alone.cost, rel=1e-6)
+
+
+FAR = (
+    ("position", 0.2, 5e-3, "estimate"),
+    ("pose", 0.2, 0.04, 20e-6),
+    ("distance", 0.1, 0.2, 20e-6),
+    ("targets", 0.2, 1.0, 20e-6),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "share", "size", "std"), FAR)
+def test_far_readings_are_named_and_the_others_fit(kind, share, size, std):
+    """As many as may be gross errors; the others give the estimate that they give alone."""
+    rng, arm = np.random.default_rng(4), model()
+    parts = [pp.Measurement("position" if kind == "targets" else kind, std=20e-6, target=TARGETS[0])]
+    if kind == "targets":
+        parts.append(replace(parts[0], target=TARGETS[1], target_name="2"))
+    clean = [readings_of(arm, Q, part, seed=5) for part in parts]
+    wrong = [values.copy() for values in clean]
+    rows = np.sort(rng.choice(12, int(12 * share), replace=False))
+    for row in rows:
+        wrong[row % len(parts)][row, :3] += size * Rotation.random(rng=rng).as_matrix()[0, : wrong[0][:, :3].shape[1]]
+    free = {"base": "free", "std_known": std != "estimate"} | (
+        {"anchor": (1.0, 0.3, 0.2)} if kind == "distance" else {}
+    )
+    given = [replace(part, **free) for part in parts]
+
+    def fit(values, kept):
+        whole = [(Q[:, own], each[own]) for own, each in zip(kept, values, strict=True)]
+        return pp.calibrate(arm, whole if len(parts) > 1 else whole[0], given, at=[Q[:, 0]])
+
+    every = [np.arange(12)] * len(parts)
+    right = [np.setdiff1d(np.arange(12), rows[rows % len(parts) == k]) for k in range(len(parts))]
+    found, alone = fit(wrong, every), fit(clean, right)
+    assert sorted(error.line for error in found.gross_errors) == [row + 1 for row in rows]
+    assert alone.gross_errors == ()
+    stds = np.array(list(alone.posterior.std.values()))
+    np.testing.assert_allclose((means(found) - means(alone)) / stds, 0, atol=0.05 if std == "estimate" else 1e-4)
+    assert found.rms("after") == pytest.approx(alone.rms("after"), rel=0.01)
 
 
 @pytest.mark.slow
@@ -350,6 +467,8 @@ def test_wrong_settings_are_refused():
         ({"visible_from": (1.0, 0.0, 0.0), "facing": (0.0, 0.0, 0.0)}, "facing of a measurement is zero"),
         ({"cone": 4.0}, "above zero and at most a half turn"),
         ({"load": (payload,)}, "is given by fixed numbers"),
+        ({"coupled": "joint3 - joint2"}, "coupled of a measurement must be of type dict"),
+        ({"coupled": {"joint3": 2}}, "each of coupled of a measurement must be of type str"),
         *(({"columns": wrong}, "is not of the form") for wrong in ("px", "px=x [m], px=y", "x=[m")),
         ({"columns": "*=[furlong rad]"}, "columns: 'furlong' is not a unit"),
     ):

@@ -6,8 +6,10 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress, product
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, NamedTuple
 
@@ -17,7 +19,7 @@ from scipy import sparse, spatial, stats
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
-from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data
+from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data, refuse_reversed
 from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.calibration.forecast import (
     PosesOutcome,
@@ -41,10 +43,6 @@ from precision_pin.sheet.measurement import Measurement
 from precision_pin.sheet.text import read_text
 from precision_pin.statistics import clopper_pearson
 
-_GROSS: Final = 1e-3
-"""Probability that any right reading of a set is taken for a gross error."""
-_MOST_GROSS: Final = 0.2
-"""Share of readings beyond which they are no gross errors but a model that is wrong."""
 _ROUNDS: Final = 8
 _STD_SETTLED: Final = 0.01
 """Relative change of an estimated std at which it has settled, beside its own interval of some 10 %."""
@@ -56,16 +54,17 @@ _FEW_STEPS: Final = 3
 class GrossError(Record):
     """A reading without weight: its row, from 1, the length (m) of its residual in the fit without it, its size in std.
 
-    ``reading`` is its number in the data, from 0.
+    ``reading`` is its number in the data, from 0; ``turn`` the angle (rad) of the residual of an attitude.
     """
 
-    KEYS: ClassVar[Keys] = ("line", "reading", "size", "deviations", "weight")
+    KEYS: ClassVar[Keys] = ("line", "reading", "size", "turn", "deviations", "weight")
     weight: ClassVar[float] = 0.0
 
     line: int
     size: float
     deviations: float
     reading: int
+    turn: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -292,8 +291,9 @@ def calibrate(
     is_mixed = np.diag(seen.set_up_projector) > design.NEGLIGIBLE
     variances = np.where(is_mixed, np.inf, np.diag(estimator.joint_covariance)[best.z.size :])
     gross = tuple(
-        GrossError(given.lines[row], float(np.linalg.norm(residuals[row, :3])), float(np.sqrt(distances[row])), row)
+        GrossError(given.lines[row], size, float(np.sqrt(distances[row])), row, turn)
         for row in sorted(distances)
+        for size, turn in [(float(np.linalg.norm(residuals[row, :3])), float(np.linalg.norm(residuals[row, 3:])))]
     )
     return CalibrationResult(
         provenance=Provenance.of(model, 0),
@@ -367,9 +367,76 @@ def measured_problem(
     """Return the data, for each measurement the first guess of the base ``(4, 4)``, and the problem of all readings."""
     given = read_data(model, data, measurements)
     whole, bases = fitting.Problem.of(model, given)
-    if not whole.unknown_deviations:
-        fitting.refuse_far_readings(whole, given)
+    _refuse_far_readings(whole, given)
     return given, bases, whole
+
+
+_LARGEST_SHARE: Final = 0.1
+"""Share of the spread of the poses beyond which an estimated std shows that the data are not of this arm."""
+_FARTHEST: Final = 50.0
+"""Root mean square of whitened residuals of most readings beyond which data are refused."""
+_BETTER: Final = 5.0
+"""How many times smaller distances must be for a unit to be called wrong."""
+_UNITS: Final = {180 / np.pi: "radians, not degrees", np.pi / 180: "degrees, not radians"}
+"""What joint values are that fit with a factor."""
+
+
+def _refuse_far_readings(problem: fitting.Problem, data: CalibrationData) -> None:
+    """Refuse readings most of which no robot within the tolerances, by far, can have given: columns are swapped, or units."""
+    is_known = not problem.unknown_deviations
+    if not is_known:  # whatever it is, it is no such share of the space that the arm is in
+        factor = _LARGEST_SHARE * problem.spread / _FARTHEST / float(np.median(problem.deviations[:, 0]))
+        problem = replace(problem, deviations=factor * problem.deviations)
+    far = problem.consensus.scale
+    if far <= fitting.ODD:
+        return
+    _refuse_other_unit(problem.model, data)
+    zeros = refuse_reversed(problem.model.chain, data, data.measurements[int(np.bincount(data.part).argmax())])
+    if far <= _FARTHEST or not is_known:
+        return
+    values = problem.residuals(np.zeros(problem.unit.root.shape[1]), problem.start)
+    median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
+    free = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
+    message = (
+        f"the readings are {1e3 * median:.3g} mm (median) from the nominal arm, "
+        f"{far:.3g} standard deviations of all tolerances: columns or units are wrong, the target is another{free}"
+    )
+    if zeros is not None and zeros.rms < median / 10:
+        message += (
+            f"; zeros of the joints alone would explain them to {1e3 * zeros.rms:.3g} mm rms "
+            f"({zeros.describe(problem.model.chain)}): give the zeros of joints wide tolerances"
+        )
+    raise InputError.of("E_DATA", message, data.file or None)
+
+
+def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
+    """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
+    turning = ~model.chain.prismatic
+    each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
+    found: list[tuple[float, str]] = [(np.inf, "")]
+    before = design.nominal_distance(model.chain, data)
+    for is_other, (factor, units) in product(each, _UNITS.items()):
+        scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
+        with suppress(InputError):
+            distance = design.nominal_distance(model.chain, replace(data, q=scaled))
+            found.append((distance, f"{', '.join(compress(model.chain.joint_names, is_other))} are {units}"))
+    distance, what = min(found, key=lambda one: one[0])
+    if distance < before / _BETTER:
+        message = (
+            f"the readings fit {before / distance:.3g} times better if the values of {what} (a factor of 57.3): correct their "
+            "unit"
+        )
+        raise InputError.of("E_DATA", message, data.file or None)
+
+
+def _refuse_noise(problem: fitting.Problem, found: fitting.EstimatedStd, file: str) -> None:
+    """Refuse readings that are no readings of this arm, by a std near the size of the space they are in."""
+    if found.std > _LARGEST_SHARE * problem.spread:
+        message = (
+            f"the std of the readings is estimated as {1e3 * found.std:.3g} mm, where the tip itself spreads by "
+            f"{1e3 * problem.spread:.3g} mm: columns or units are wrong, the target is another or the base is not known"
+        )
+        raise InputError.of("E_DATA", message, file or None)
 
 
 Weighed = tuple[fitting.Problem, fitting.Fit, dict[int, float]]
@@ -381,14 +448,14 @@ def _with_std(
 ) -> tuple[CalibrationData, fitting.Problem, Weighed, dict[str, fitting.EstimatedStd]]:
     """Return data, problem, :func:`without_gross_errors`, and the deviations, estimated where the fit has settled."""
     kinds = whole.unknown_deviations
-    used, z, nuisances = whole, np.zeros(whole.unit.root.shape[1]), whole.start
+    used, z, nuisances = whole.without(whole.consensus.gross), np.zeros(whole.unit.root.shape[1]), whole.start
     for _ in range(_ROUNDS):
         found = fitting.estimate_std(used, z, nuisances, kinds, has_prior=has_prior)
         factors = np.ones(whole.readings.shape)
         for name, (factor, _) in found.items():
             factors[kinds[name]] = factor
         whole = replace(whole, deviations=whole.deviations * factors)
-        fitting.refuse_noise(whole, found["std"][1], data.file)
+        _refuse_noise(whole, found["std"][1], data.file)
         used, best, gross = without_gross_errors(whole, data, has_prior=has_prior)
         z, nuisances = best.z, best.nuisances
         if np.abs(np.log(factors)).max() < _STD_SETTLED:
@@ -405,23 +472,22 @@ def _with_std(
 def without_gross_errors(whole: fitting.Problem, data: CalibrationData, *, has_prior: bool) -> Weighed:
     """Return problem and fit without gross errors, and these.
 
-    Readings are left out one at a time: the one with the largest residual in a fit without it, if too large for the rest.
+    To those that most readings do not agree with, others are added one at a time: the one with the largest residual in a fit
+    without it, if too large for the rest. Where these are too many, only the first have no weight.
     """
-    limit, middle = stats.chi2.isf(_GROSS / len(data), whole.sizes), stats.chi2.median(whole.sizes)
-    found = dict[int, float]()
-    first = descent = fitting.Descent(whole, has_prior=has_prior)
+    found, first = dict(whole.consensus.gross), None
     while True:
-        best = descent.fit(_FEW_STEPS)
-        kept = np.array([row for row in range(len(data)) if row not in found])
-        distance = best.left_out.distance[kept]
-        scale = max(1.0, float(np.median(distance / middle[kept])))
-        worst = int(np.argmax(distance / limit[kept]))
-        if distance[worst] <= limit[kept[worst]] * scale:
-            return descent.problem, descent.fit(), found
-        if len(found) + 1 > _MOST_GROSS * len(data):
-            return whole, first.fit(), {}
-        found[int(kept[worst])] = float(distance[worst])
         descent = fitting.Descent(whole.without(found), has_prior=has_prior)
+        first = first or descent
+        best = descent.fit(_FEW_STEPS)
+        distance, excess = whole.outlying(best, found)
+        excess[list(found)] = 0.0
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 1:
+            return descent.problem, descent.fit(), found
+        if len(found) + 1 > design.MOST_GROSS * len(data):
+            return first.problem, first.fit(), dict(whole.consensus.gross)
+        found[worst] = float(distance[worst])
 
 
 def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
@@ -432,7 +498,8 @@ def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, 
         listed = (", " if all(map(str.isdecimal, rows)) else "; ").join(rows)
         message = (
             f"readings that fit no other and were given no weight: rows {listed}; the worst, {data.label(worst.reading)}, is "
-            f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm)"
+            f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm"
+            f"{f', {1e3 * worst.turn:.3g} mrad' if worst.turn else ''})"
         )
         yield Finding("warning", "W_GROSS_ERROR", message, file)
     if best.at_bounds:

@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, islice
+from itertools import combinations, compress, islice, permutations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -35,7 +35,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.trajectory import joint_columns
-from precision_pin.sheet.measurement import Measurement
+from precision_pin.sheet.measurement import Measurement, written_sums
 
 COLUMNS: Final = {
     "position": ("x", "y", "z"),
@@ -226,7 +226,10 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
     )
     targets = [target for one in measurements for target in _targets(table, joints, one, path, len(measurements) == 1)]
     _check_columns(model.chain, table, targets, path)
+    if len({one.coupled for one in measurements}) > 1:
+        raise _wrong(path, "several measurements read the file, and do not agree in what is coupled")
     q = np.array([table.column(joint.name, joint_quantity(joint)) for joint in model.chain.joints])
+    q = measurements[0].mixing(model.chain) @ q
     std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
     if (std <= 0).any():
         raise _wrong(path, "std must be above zero", table.lines[int(np.nanargmin(std))])
@@ -461,8 +464,12 @@ _CLEARLY: Final = 1.5
 """The same for joints whose direction hardly shows, once that of the others is found."""
 _MOST_TRIED: Final = 64
 """Combinations of reversed joints to try."""
+_EVALUATIONS: Final = 15
+"""Evaluations of a fit of zeros: the right one needs fewer."""
 _HOLD: Final = 1e-4
 """Weight of a zero, m/rad, that holds one that no reading sees."""
+_OUTSIDE: Final = 5.0
+"""Residual, in medians of all, of a reading that does not count."""
 
 
 class Zeros(NamedTuple):
@@ -471,13 +478,20 @@ class Zeros(NamedTuple):
     values: Array
     rms: float
 
+    def describe(self, chain: Chain) -> str:
+        """Return the zeros in words, the largest first."""
+        order = np.argsort(-np.abs(self.values), kind="stable")[:3]
+        scales = [(1e3, " mm") if slides else (180 / np.pi, "°") for slides in chain.prismatic]
+        return ", ".join(f"{chain.joint_names[k]} {scales[k][0] * self.values[k]:+.3g}{scales[k][1]}" for k in order)
 
-def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array) -> Zeros:
-    """Return the best zeros, fitted with unknown base, target or anchor; ``signs`` multiply the joint values."""
-    q, count = signs[:, None] * data.q, len(chain.joints)
+
+def fit_zeros(chain: Chain, q: Array, readings: Array, measurement: Measurement, most: int = 40) -> Zeros:
+    """Return the best zeros, with unknown base, target or anchor, fitted to readings ``(P, 3)`` or ``(P, 1)`` in ``most`` steps.
+
+    Readings that are far off hardly pull.
+    """
+    count = len(chain.joints)
     is_free, is_distance = measurement.base == "free", measurement.kind == "distance"
-    readings = data.readings[:, :3]
-
     is_estimated = [True] * count + [not measurement.target_known] * 3 + [True] * (3 if is_distance and is_free else 0)
 
     def residuals(y: Array) -> Array:
@@ -493,9 +507,15 @@ def fit_zeros(chain: Chain, data: CalibrationData, measurement: Measurement, sig
             away = (_aligned(points, readings) if is_free else points) - readings
         return np.concatenate([away.ravel(), _HOLD * y[: count + (0 if measurement.target_known else 3)]])
 
-    found = scipy.optimize.least_squares(residuals, np.zeros(sum(is_estimated)), method="trf", max_nfev=40)
-    left = found.fun[: len(data) * (1 if is_distance else 3)]
-    return Zeros(found.x[:count], float(np.sqrt((left**2).sum() / len(data))))
+    found = scipy.optimize.least_squares(
+        residuals, np.zeros(sum(is_estimated)), max_nfev=most, loss="soft_l1", f_scale=_BAD * _length(chain)
+    )
+    sizes = np.linalg.norm(found.fun[: readings.size].reshape(readings.shape), axis=1)
+    return Zeros(found.x[:count], float(np.sqrt((sizes[sizes <= _OUTSIDE * np.median(sizes)] ** 2).mean())))
+
+
+def _length(chain: Chain) -> float:
+    return float(np.linalg.norm(chain.placements[:, :3, 3], axis=1).sum())
 
 
 def _aligned(points: Array, readings: Array) -> Array:
@@ -505,52 +525,60 @@ def _aligned(points: Array, readings: Array) -> Array:
 
 
 def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measurement) -> Zeros | None:
-    """Raise if readings fit far better with some joints reversed; return the zeros that fit best."""
+    """Raise if readings fit far better with joints reversed, or with one shown with another; return the zeros that fit best."""
     # none for contact, whose readings depend on where the arm is believed to be
-    if measurement.kind in ("plane", "socket"):
+    if measurement.kind in _CONTACT:
         return None
-    count = len(chain.joints)
-    plain = fit_zeros(chain, data, measurement, np.ones(count))
-    length = float(np.linalg.norm(chain.placements[:, :3, 3], axis=1).sum())
-    bad = max(_DEVIATIONS * measurement.std, _BAD * length)
-    if plain.rms <= bad:
+    rows = np.flatnonzero(data.part == data.measurements.index(measurement))
+    q, readings = data.q[:, rows], data.readings[rows, : min(measurement.size, 3)]
+    plain = fit_zeros(chain, q, readings, measurement)
+    bad = max(_DEVIATIONS * measurement.std, _BAD * _length(chain))
+    if not bad < plain.rms < _length(chain):  # farther than that, it is not the joint values
         return plain
-    for signs in _reversals(count):
-        rms = fit_zeros(chain, data, measurement, signs).rms
+
+    def rms_of(mixing: Array) -> float:
+        return fit_zeros(chain, mixing @ q, readings, measurement, _EVALUATIONS).rms
+
+    for alternatives in _mixings(chain):
+        mixing = min(alternatives, key=rms_of)
+        rms = rms_of(mixing)
         if rms < min(plain.rms / _BETTER, bad):
-            signs, rms = _refined(chain, data, measurement, signs, rms)
-            names = " and ".join(chain.joint_names[k] for k in np.flatnonzero(signs < 0))
+            mixing, rms = _refined(rms_of, mixing, rms)
+            code, names = "E_REVERSED", " and ".join(compress(chain.joint_names, np.diag(mixing) < 0))
+            residuals = f"(residuals {1e3 * rms:.3g} mm rms instead of {1e3 * plain.rms:.3g} mm, all zeros free)"
             message = (
-                f"{names}: readings fit far better with the direction reversed (residuals {1e3 * rms:.3g} mm rms instead "
-                f"of {1e3 * plain.rms:.3g} mm, all zeros free); change the sign of the column, or turn the axis and its "
-                "limits around in the URDF; or two columns of places are swapped"
+                f"{names}: readings fit far better with the direction reversed {residuals}; change the sign of the column, or "
+                "turn the axis and its limits around in the URDF; or two columns of places are swapped"
             )
-            raise InputError.of("E_REVERSED", message, data.file or None)
+            if sums := written_sums(mixing, chain.joint_names):
+                code, message = (
+                    "E_COUPLED",
+                    f"readings fit far better where one joint is shown with another {residuals}",
+                )
+                message += f"; if the control does so, write measurement: {{coupled: {{{sums}}}}} in the sheet"
+            raise InputError.of(code, message, data.file or None)
     return plain
 
 
-def _refined(
-    chain: Chain, data: CalibrationData, measurement: Measurement, signs: Array, rms: float
-) -> tuple[Array, float]:
-    """Return signs after reversing in turn less important joints that still fit clearly better."""
+def _refined(rms_of: Callable[[Array], float], mixing: Array, rms: float) -> tuple[Array, float]:
+    """Return a mixing after reversing in turn less important joints that still fit clearly better."""
     while True:
-        others = [signs * np.where(np.arange(signs.size) == k, -1.0, 1.0) for k in range(signs.size)]
-        sizes = [fit_zeros(chain, data, measurement, other).rms for other in others]
+        others = [np.where(np.arange(len(mixing)) == k, -1.0, 1.0)[:, None] * mixing for k in range(len(mixing))]
+        sizes = [rms_of(other) for other in others]
         best = int(np.argmin(sizes))
         if sizes[best] > rms / _CLEARLY:
-            return signs, rms
-        signs, rms = others[best], sizes[best]
+            return mixing, rms
+        mixing, rms = others[best], sizes[best]
 
 
-def _reversals(count: int) -> Iterator[Array]:
-    """Yield signs of the joints ``(n,)`` with some reversed, the fewest first, up to the limit."""
+def _mixings(chain: Chain) -> Iterator[list[Array]]:
+    """Yield mixings ``(n, n)`` of joint values to choose from: one joint reversed, or with another; then more reversed."""
+    slides, unit = chain.prismatic, np.eye(count := len(chain.joints))
     chosen = (one for number in range(1, count + 1) for one in combinations(range(count), number))
-    for one in islice(chosen, _MOST_TRIED):
-        yield np.where(np.isin(np.arange(count), one), -1.0, 1.0)
-
-
-def describe_zeros(chain: Chain, zeros: Zeros) -> str:
-    """Return zeros in words, the largest first."""
-    order = np.argsort(-np.abs(zeros.values), kind="stable")[:3]
-    scales = [(1e3, " mm") if slides else (180 / np.pi, "°") for slides in chain.prismatic]
-    return ", ".join(f"{chain.joint_names[k]} {scales[k][0] * zeros.values[k]:+.3g}{scales[k][1]}" for k in order)
+    reversals = [np.diag(np.where(np.isin(np.arange(count), one), -1.0, 1.0)) for one in islice(chosen, _MOST_TRIED)]
+    pairs = [pair for pair in permutations(range(count), 2) if slides[pair[0]] == slides[pair[1]]]
+    coupled = [(one, unit + sign * np.outer(unit[one], unit[other])) for one, other in pairs for sign in (1.0, -1.0)]
+    yield [*reversals[:count], *(mixing for _, mixing in coupled)]
+    yield from ([mixing] for mixing in reversals[count:])
+    if coupled:
+        yield [reversals[one] @ mixing for one, mixing in coupled]

@@ -276,11 +276,22 @@ def _lengths(columns: Array) -> Array:
     return np.where(lengths > 0, lengths, 1.0)
 
 
+def set_up_of(by_nuisance: Array, readings: Array) -> Array:
+    """Return the least nuisances ``(k,)`` that explain whitened readings ``(M,)``.
+
+    Combinations that the readings do not determine to 1 m or 1 rad, such as the height of a target that hardly tilts, are zero.
+    """
+    cut = 1 / max(1.0, float(np.linalg.norm(by_nuisance, 2)))
+    return np.asarray(np.linalg.lstsq(by_nuisance, readings, rcond=max(cut, NEGLIGIBLE))[0])
+
+
 def flat(stack: Array) -> Array:
     """Return ``(P, m, n)`` as ``(P m, n)``."""
     return stack.reshape(stack.shape[0] * stack.shape[1], stack.shape[2])
 
 
+MOST_GROSS: Final = 0.2
+"""Share of readings beyond which they are no gross errors but a model that is wrong."""
 WEAKEST: Final = 1.0
 """Factor by which readings must beat a combination's tolerance for it to be estimated without a prior."""
 
@@ -339,11 +350,10 @@ class Estimator:
         return np.asarray(scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x)
 
     def nuisances(self, readings: Array) -> Array:
-        """Return the least-norm nuisances ``(k,)`` that explain whitened readings ``(M,)`` less what z explains."""
+        """Return the least nuisances ``(k,)`` that explain whitened readings ``(M,)`` less what z explains."""
         if not self.by_nuisance.shape[1]:
             return np.zeros(0)
-        scale = _lengths(self.by_nuisance)
-        return np.asarray(np.linalg.lstsq(self.by_nuisance / scale, readings, rcond=1e-9)[0] / scale)
+        return set_up_of(self.by_nuisance, readings)
 
     def leverage_root(self) -> Array:
         """Return Q ``(M, k + r)``, with fitted = Q Qᵀ readings, both whitened."""
@@ -732,41 +742,114 @@ class SetUp(Record):
         return cls(placed, target[:, 0], anchor, plane, sockets, std)
 
 
+REWEIGHED: Final = 6
+"""Rounds of a fit, in each of which readings that are far off weigh less."""
+
+
+def reweighed_sizes(white: Array, by_z: Array, by_nuisance: Array, rows: NDArray[np.intp]) -> Array:
+    """Return the root mean square residual of each reading in a linear fit that those far off hardly pull.
+
+    Weights are those of Huber (1964), whose fit is the only one, then their squares, by which what is far off hardly counts.
+
+    Args:
+        white, by_z, by_nuisance: Whitened numbers ``(M,)`` and their derivatives ``(M, r)``, of unit prior, and ``(M, k)``.
+        rows: The reading of each number, ``(M,)``.
+    """
+    counts, weights = np.maximum(np.bincount(rows), 1), np.ones(rows.max() + 1)
+    for power in np.repeat([1, 2], 2 * REWEIGHED):
+        root = np.sqrt(weights)[rows]
+        estimator = Estimator.of(root[:, None] * by_z, root[:, None] * by_nuisance, has_prior=True)
+        left = white - by_z @ estimator.estimate(root * white)
+        left = left - by_nuisance @ estimator.nuisances(root * left)
+        sizes = np.sqrt(np.bincount(rows, left**2) / counts)
+        weights = np.maximum(1.0, sizes / max(1.0, float(np.median(sizes[np.unique(rows)])))) ** -float(power)
+    return np.asarray(sizes)
+
+
 def first_guess(data: CalibrationData, tips: Array, instruments: Instruments) -> tuple[tuple[Array, ...], Array]:
     """Return for each measurement the base ``(4, 4)`` that fits tips ``(P, 4, 4)`` best, and the nuisances beside it."""
     nuisances, bases = np.zeros(len(instruments.nuisances)), [np.eye(4) for _ in data.measurements]
     targets = np.array([part.target for part in data.measurements])[data.part]
     points = tips[:, :3, 3] + np.einsum("pij,pj->pi", tips[:, :3, :3], targets)
-    names = np.array([f"{'' if part.place is None else part.kind} {part.base_name}" for part in data.measurements])
-    for name in dict.fromkeys(names.tolist()):
-        chosen = [k for k, part in enumerate(data.measurements) if names[k] == name and part.base == "free"]
-        rows = np.flatnonzero(np.isin(data.part, chosen))
-        if not rows.size or data.measurements[chosen[0]].kind in ("plane", "socket"):
+    keys = [("" if part.place is None else part.kind, part.base_name, part.base) for part in data.measurements]
+    for key in dict.fromkeys(keys):
+        chosen = [k for k, other in enumerate(keys) if other == key]
+        rows, part = np.flatnonzero(np.isin(data.part, chosen)), data.measurements[chosen[0]]
+        if part.kind in ("plane", "socket") or not any(instruments.columns[k].size for k in chosen) or not rows.size:
             continue
-        part = data.measurements[chosen[0]]
         if part.kind == "distance":
-            columns = instruments.columns[chosen[0]][:3]
-            nuisances[columns] = _anchor(points[rows], data.readings[rows, 0]) - part.anchor
+            if part.base == "free":
+                columns = instruments.columns[chosen[0]][:3]
+                nuisances[columns] = _anchor(points[rows], data.readings[rows, 0]) - part.anchor
             continue
-        attitudes = [row for row in rows.tolist() if data.measurements[data.part[row]].kind == "pose"]
-        base = _base(points[rows], data.readings[rows, :3], tips[attitudes, :3, :3], data.readings[attitudes, 3:6])
+        base, found = _base_and_targets(data, rows, points[rows], tips[rows, :3, :3])
         for k in chosen:
             bases[k] = base
+            if not data.measurements[k].target_known:
+                size = data.measurements[k].size
+                nuisances[instruments.columns[k][-size:]] = found[data.measurements[k].target_name][:size]
     return tuple(bases), nuisances
 
 
-def _base(nominal: Array, measured: Array, attitudes: Array, turned: Array) -> Array:
-    """Return the base ``(4, 4)`` for points ``(P, 3)``, and attitudes ``(A, 3, 3)`` read as rotation vectors if there are any."""
-    centre, other = nominal.mean(axis=0), measured.mean(axis=0)
-    if len(attitudes):
-        turns = np.einsum("ijp,pkj->ik", se3.exp_rotation(turned.T), attitudes)
-    else:
-        turns = (measured - other).T @ (nominal - centre)
-        values = np.linalg.svd(turns, compute_uv=False)
-        if values[1] <= 1e-6 * values[0]:  # on one line, or at one place: the least of the turns that fit
-            turns = turns + max(1e-6 * values[0], np.finfo(float).tiny) * np.eye(3)
-    rotation = se3.nearest_rotation(turns)
-    return se3.pose(rotation, other - rotation @ centre)
+def _base_and_targets(
+    data: CalibrationData, rows: NDArray[np.intp], points: Array, turns: Array
+) -> tuple[Array, dict[str, Array]]:
+    """Return the base ``(4, 4)``, and shift and turn ``(6,)`` of each unknown target, whatever these turns are.
+
+    A position, and each column of an attitude, is a vector v with ``S v + d = p + R u``: S and d are the inverse of the base,
+    u the unknown target or a column of its turn. These equations are linear where S may be any matrix. Tried are the rotation
+    nearest to it, and the one that fits the readings to the targets found before; d and u follow by linear equations.
+    """
+    parts = [data.measurements[k] for k in data.part[rows]]
+    names = list(dict.fromkeys(part.target_name for part in parts if not part.target_known))
+    is_free, is_pose = parts[0].base == "free", np.array([part.kind == "pose" for part in parts])
+    shape = (len(rows), 4, 3)
+    vectors, held, by_target = np.zeros(shape), np.zeros(shape), np.zeros((*shape, len(names), 4, 3))
+    vectors[:, 0], held[:, 0] = data.readings[rows, :3], points
+    if is_pose.any():
+        vectors[is_pose, 1:] = se3.exp_rotation(data.readings[rows[is_pose], 3:6].T).transpose(2, 1, 0)
+    for k, part in enumerate(parts):
+        if part.target_known:
+            held[k, 1:] = turns[k].T
+        else:
+            by_target[k, range(4), :, names.index(part.target_name), range(4)] = -turns[k]
+    by_base = np.einsum("ab,pjc->pjabc", np.eye(3), vectors).reshape(*shape, 9)
+    rest = np.zeros((*shape, 3 * is_free + 12 * len(names)))
+    rest[..., 3 * is_free :] = by_target.reshape(*shape, -1)
+    rest[:, 0, :, : 3 * is_free] = np.eye(3)[:, : 3 * is_free]
+    scale = np.array([1 / part.deviations[[0, -1, -1, -1]] for part in parts])
+    scale[~is_pose, 1:] = 0.0
+    weights, best, unknown = np.ones(len(rows)), np.inf, np.zeros(rest.shape[-1])
+
+    def solve(matrix: Array, right: Array) -> Array:
+        root = scale * np.sqrt(weights)[:, None]
+        white = (root[:, :, None, None] * matrix).reshape(-1, matrix.shape[-1])
+        return set_up_of(white, (root[:, :, None] * right).ravel())
+
+    for _ in range(REWEIGHED):
+        tried = [np.eye(3)]
+        if is_free:
+            mass = (scale**2 * weights[:, None])[:, :, None]
+            near, seen = held - rest @ unknown, vectors.copy()
+            for each in (near, seen):  # shifts are of positions alone
+                each[:, 0] -= np.average(each[:, 0], axis=0, weights=mass[:, 0, 0])
+            tried = [np.einsum("pja,pjb->ab", mass * near, seen)]
+            sizes = np.linalg.svd(tried[0], compute_uv=False)
+            if sizes[1] <= 1e-6 * sizes[0]:  # on one line, or at one place: the least of the turns that fit
+                tried[0] += max(1e-6 * sizes[0], np.finfo(float).tiny) * np.eye(3)
+            else:
+                tried.append(solve(np.concatenate([by_base, rest], axis=3), held)[:9].reshape(3, 3))
+        for turn in map(se3.nearest_rotation, tried):
+            right = held - vectors @ turn.T
+            found = solve(rest, right)
+            squares = ((scale[:, :, None] * (right - rest @ found)) ** 2).sum(axis=(1, 2))
+            if np.median(squares) < best:
+                best, base, unknown, left = float(np.median(squares)), turn.T, found, squares
+        weights = 1 / np.sqrt(1 + left / max(best, np.finfo(float).tiny))
+    own = unknown[3 * is_free :].reshape(-1, 4, 3)
+    turned = (se3.log_rotation(se3.nearest_rotation(u[1:].T)) for u in own)
+    targets = {name: np.concatenate([u[0], turn]) for name, u, turn in zip(names, own, turned, strict=True)}
+    return se3.pose(base, -base @ unknown[:3] if is_free else np.zeros(3)), targets
 
 
 def _anchor(points: Array, distances: Array) -> Array:
@@ -795,7 +878,10 @@ def readings_in_base(data: CalibrationData, poses: Array, bases: Sequence[Array]
 
 
 def nominal_distance(chain: Chain, data: CalibrationData) -> float:
-    """Return how far the readings are from the nominal arm whatever the set-up: root mean square of whitened residuals."""
+    """Return how far the readings are from the nominal arm whatever the set-up: root mean square of whitened residuals.
+
+    The farthest readings, as many as may be gross errors, do not count.
+    """
     instruments = Instruments(data.measurements)
     poses = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(np.ascontiguousarray(data.q)).pose, -1, 0)
     bases, start = first_guess(data, poses, instruments)
@@ -806,6 +892,7 @@ def nominal_distance(chain: Chain, data: CalibrationData) -> float:
         predicted = part.predict(poses[row], np.zeros((6, 1)), own)
         values.append(part.residual(readings[row, : part.size, None], predicted)[:, 0] / part.deviations)
         slopes.append(instruments.slopes(number, poses[row], np.zeros(6), start).nuisances / part.deviations[:, None])
+    rows = np.repeat(np.arange(len(data)), [len(one) for one in values])
     white, by_nuisance = np.concatenate(values), np.concatenate(slopes)
-    left = white - by_nuisance @ np.linalg.lstsq(by_nuisance, white, rcond=1e-9)[0]
-    return float(np.sqrt(np.mean(left**2)))
+    sizes = reweighed_sizes(white, np.zeros((len(white), 0)), by_nuisance, rows)
+    return float(np.sqrt(np.mean(np.sort(sizes)[: -int(MOST_GROSS * len(sizes)) or None] ** 2)))

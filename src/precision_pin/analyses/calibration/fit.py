@@ -13,10 +13,9 @@ readings at one pose hold no error of the model: where there are enough of them 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import compress, pairwise, product
+from itertools import compress, pairwise
 from typing import ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
@@ -26,16 +25,18 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy import stats
 
-from precision_pin.analyses.calibration.data import CalibrationData, describe_zeros, refuse_reversed
+from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import (
+    MOST_GROSS,
     NEGLIGIBLE,
+    REWEIGHED,
     Estimator,
     Instruments,
     Station,
     UnitNumbers,
     first_guess,
-    nominal_distance,
     readings_in_base,
+    reweighed_sizes,
     stations_of_data,
     without,
 )
@@ -54,6 +55,12 @@ _SETTLED: Final = 1e-8
 _SMALL: Final = 1e-5
 """Change of z below which the derivatives of the last step serve for the next ones: they cost more than residuals."""
 _HALVINGS: Final = 30
+_TRIED_STEPS: Final = 8
+"""Steps of a fit that only shows which readings, if any, are not explained."""
+_GROSS: Final = 1e-3
+"""Probability that any right reading of a set is taken for a gross error."""
+ODD: Final = 5.0
+"""Root mean square of whitened residuals beyond which gross errors, and then another unit of the joint values, are sought."""
 _ALONE: Final = 1e-9
 """Share of a group's readings that the others leave free, below which the group alone determines something."""
 
@@ -254,6 +261,52 @@ class Problem:
         white = self.whiten(whole)
         return white[:, :size], without(white[:, size:], self.unseen_turns)
 
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the places of the nominal tip along each axis, m."""
+        points = np.array([station.at.posture.pose[:3, 3] for station in self.stations])
+        return float(np.sqrt(((points - points.mean(axis=0)) ** 2).mean()))
+
+    @cached_property
+    def consensus(self) -> Consensus:
+        """What most readings agree on, with the sheet as prior.
+
+        Least trimmed squares (Rousseeuw 1984): the readings to leave out first are the farthest in a linear fit that they
+        hardly pull, then those that the exact fit of the others does not explain.
+        """
+        z, nuisances = np.zeros(self.unit.root.shape[1]), self.start
+        white, numbers = self.whiten(self.residuals(z, nuisances)), np.concatenate([rows for rows, _ in self.places])
+        sizes = reweighed_sizes(white, *self.slopes(z, nuisances), numbers)
+        scale, most = float(np.sqrt((sizes**2).mean())), int(MOST_GROSS * len(sizes))
+        if sizes.max() <= ODD:
+            return Consensus({}, scale)
+        gross = dict.fromkeys(np.argsort(-sizes)[:most].tolist(), np.inf)
+        for _ in range(REWEIGHED):
+            try:
+                best = Descent(self.without(gross), has_prior=True, at=(z, nuisances)).fit(_TRIED_STEPS)
+            except InputError:  # an error turns a place by half a turn
+                return Consensus({}, scale)
+            scale = float(np.sqrt(best.chi_square / max(best.degrees_of_freedom, 1)))
+            z, nuisances = best.z, best.nuisances
+            (distance, excess), before = self.outlying(best, gross), gross.keys()
+            gross = {row: float(distance[row]) for row in np.argsort(-excess)[:most].tolist() if excess[row] > 1}
+            if gross.keys() == before:
+                break
+        return Consensus(gross if (excess > 1).sum() <= most else {}, scale)
+
+    def outlying(self, best: Fit, gross: Collection[int]) -> tuple[Array, Array]:
+        """Return squared sizes ``(P,)``, in standard deviations, about a fit without each and without gross errors, over limits.
+
+        The second are ratios to what one right set of readings in a thousand exceeds, wider where half of the others do.
+        """
+        distance, left_out = best.left_out.distance.copy(), list(gross)
+        if left_out:
+            deviations = self.reading_deviations(best)[left_out]
+            off = self.residuals(best.z, best.nuisances)[left_out] / np.where(deviations > 0, deviations, 1.0)
+            distance[left_out] = (off**2).sum(axis=1)
+        limit, middle = stats.chi2.isf(_GROSS / len(distance), self.sizes), stats.chi2.median(self.sizes)
+        return distance, distance / limit / max(1.0, float(np.median(np.delete(distance / middle, left_out))))
+
     def reading_deviations(self, best: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
         estimator, result = best.estimator, np.zeros_like(self.readings)
@@ -285,6 +338,18 @@ class LeftOut(NamedTuple):
     trials: float
 
 
+class Consensus(NamedTuple):
+    """What most readings agree on.
+
+    Attributes:
+        gross: Readings that a fit of the others does not explain, with the squares of their sizes in standard deviations.
+        scale: Root mean square of the whitened residuals of the others.
+    """
+
+    gross: dict[int, float]
+    scale: float
+
+
 class Fit(NamedTuple):
     """An estimate.
 
@@ -311,16 +376,16 @@ class Fit(NamedTuple):
 
 
 class Descent:
-    """Steps of a fit, from the means; it can go on after an estimate was taken.
+    """Steps of a fit, from the means or the point given; it can go on after an estimate was taken.
 
     Attributes:
         problem, has_prior: What is fitted.
         steps: Number of steps taken.
     """
 
-    def __init__(self, problem: Problem, *, has_prior: bool) -> None:
+    def __init__(self, problem: Problem, *, has_prior: bool, at: tuple[Array, Array] | None = None) -> None:
         self.problem, self.has_prior, self.steps = problem, has_prior, 0
-        self._z, self._nuisances = np.zeros(problem.unit.root.shape[1]), problem.start
+        self._z, self._nuisances = at or (np.zeros(problem.unit.root.shape[1]), problem.start)
         self._white, self._cost = self._measured(self._z, self._nuisances)
         # without a prior the combinations to estimate are those at the means, the same at every step
         self._kept = None if has_prior else self._estimator().kept
@@ -442,70 +507,6 @@ def _of_group(block: Array, through: Array) -> tuple[Array, bool]:
 DOUBTFUL: Final = 1e-3
 """Probability of a larger chi-square below which the model does not explain the readings."""
 
-_TRIED_STEPS: Final = 8
-"""Steps of a fit that only shows whether far readings can be explained at all."""
-FARTHEST: Final = 50.0
-"""Root mean square of the readings' distances, in standard deviations, beyond which data are refused."""
-ODD: Final = 5.0
-"""The same beyond which another unit of the joint values is tried."""
-_BETTER: Final = 5.0
-"""How many times smaller distances must be for a unit to be called wrong."""
-_UNITS: Final = {180 / np.pi: "radians, not degrees", np.pi / 180: "degrees, not radians"}
-"""What joint values are that fit with a factor."""
-
-
-def refuse_far_readings(problem: Problem, data: CalibrationData) -> None:
-    """Refuse readings that no robot within the tolerances, by far, can have given: columns are swapped, or units."""
-    z = np.zeros(problem.unit.root.shape[1])
-    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
-    values = problem.residuals(z, problem.start)
-    white = problem.whiten(values)
-    left = white - estimator.by_nuisance @ estimator.nuisances(white)
-    far = float(np.sqrt(np.maximum(left @ estimator.hold() @ left, 0.0) / max(len(left), 1)))
-    if far > ODD:
-        _refuse_other_unit(problem.model, data)
-    is_one = len(data.measurements) == 1
-    zeros = refuse_reversed(problem.model.chain, data, data.measurements[0]) if is_one else None
-    if far <= FARTHEST:
-        return
-    # a few steps of the exact model may explain readings that its tangent at the means does not
-    with suppress(InputError):
-        found = Descent(problem, has_prior=True).fit(_TRIED_STEPS)
-        if found.chi_square <= FARTHEST**2 * found.residuals.size:
-            return
-    median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
-    free = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
-    message = (
-        f"the readings are {1e3 * median:.3g} mm (median) from the nominal arm, "
-        f"{far:.3g} standard deviations of all tolerances: columns or units are wrong, the target is another{free}"
-    )
-    if zeros is not None and zeros.rms < median / 10:
-        message += (
-            f"; zeros of the joints alone would explain them to {1e3 * zeros.rms:.3g} mm rms "
-            f"({describe_zeros(problem.model.chain, zeros)}): give the zeros of joints wide tolerances"
-        )
-    raise InputError.of("E_DATA", message, data.file or None)
-
-
-def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
-    """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
-    turning = ~model.chain.prismatic
-    each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
-    found: list[tuple[float, str]] = [(np.inf, "")]
-    before = nominal_distance(model.chain, data)
-    for is_other, (factor, units) in product(each, _UNITS.items()):
-        scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
-        with suppress(InputError):
-            distance = nominal_distance(model.chain, replace(data, q=scaled))
-            found.append((distance, f"{', '.join(compress(model.chain.joint_names, is_other))} are {units}"))
-    distance, what = min(found, key=lambda one: one[0])
-    if distance < before / _BETTER:
-        message = (
-            f"the readings fit {before / distance:.3g} times better if the values of {what} (a factor of 57.3): correct their "
-            "unit"
-        )
-        raise InputError.of("E_DATA", message, data.file or None)
-
 
 def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: bool) -> Iterator[Finding]:
     """Yield what to doubt where the model does not explain the readings; ``chance`` is ``None`` where that is not tested."""
@@ -565,8 +566,6 @@ LEVEL: Final = 0.95
 """Probability of the intervals, and of the ellipsoids that left-out readings should be within."""
 ENOUGH: Final = 10
 """Degrees of freedom of differences at one pose from which they decide alone: the interval is then from 0.7 to 1.75 of it."""
-_MOST: Final = 0.1
-"""Share of the spread of the poses beyond which an estimated std shows that the data are not of this arm."""
 _DECADES: Final = 5.0
 """Range of the search below the largest deviation."""
 _STEPS: Final = 41
@@ -790,15 +789,3 @@ def doubt_std(noise: Mapping[str, EstimatedStd]) -> Iterator[Finding]:
             "errors; repeat poses"
         )
         yield Finding("warning", "W_STD_ESTIMATED", message)
-
-
-def refuse_noise(problem: Problem, found: EstimatedStd, file: str) -> None:
-    """Refuse readings that are no readings of this arm, by a std near the size of the space they are in."""
-    points = np.array([station.at.posture.pose[:3, 3] for station in problem.stations])
-    spread = float(np.sqrt(((points - points.mean(axis=0)) ** 2).mean()))
-    if found.std > _MOST * spread:
-        message = (
-            f"the std of the readings is estimated as {1e3 * found.std:.3g} mm, where the tip itself spreads by "
-            f"{1e3 * spread:.3g} mm: columns or units are wrong, the target is another or the base is not known"
-        )
-        raise InputError.of("E_DATA", message, file or None)
