@@ -365,19 +365,78 @@ def test_lognormal_numbers_whose_tail_no_point_meets_are_not_resolved():
     assert found.varies.all()
 
 
-def test_a_rare_value_that_no_point_meets_is_not_resolved():
-    """Of probability 1e-5, as large as ten standard deviations of the rest: indices 1/1001 and 1000/1001 of V = 1.001.
+@pytest.mark.parametrize("size", [10.0, 100.0])
+def test_a_rare_value_that_no_point_meets_is_not_overlooked(size):
+    """Of probability 1e-5, as large as 10 or 100 standard deviations of the rest: 1/1001 and 1/11 of the variance.
 
-    No point meets it, so that 0 and 1 would be found with no scatter.
+    No point meets it, so that 0 and 1 would be found with no scatter: the first is within the interval that the law
+    gives, the second is not resolved.
     """
 
     def function(u):
-        return (np.where(u[0] > 1 - 1e-5, 10.0, 0.0) + ndtri(u[1]))[None]
+        return (np.where(u[0] > 1 - 1e-5, size, 0.0) + ndtri(u[1]))[None]
 
     both = budget_module.scrambled_points(4, 0, 32)
     found = budget_module.sobol_indices(function, both[:2], both[2:], [[0], [1]], breaks=[(1 - 1e-5,), ()])
-    assert np.isnan(found.first.value).all()
-    assert np.isnan(found.total.value).all()
+    rare = size**2 * 1e-5
+    for estimates in (found.first, found.total):
+        if size == 10:
+            assert covers(estimates, np.array([[rare], [1]]) / (1 + rare)).all()
+        else:
+            assert np.isnan(estimates.value).all()
+
+
+def lognormal_and_normal(spread, part):
+    """Return y = a x + b z + 0.3 a x z, x lognormal with σ / mean = ``spread``, a² Var x = part; with S, T and V."""
+    log = math.sqrt(math.log(1 + spread**2))
+
+    def function(u):
+        x, z = (np.exp(log * ndtri(u[0]) - log**2 / 2) - 1) / spread, ndtri(u[1])
+        return (math.sqrt(part) * (x + 0.3 * x * z) + math.sqrt(1 - part) * z)[None]
+
+    both = 0.09 * part
+    return function, np.array([part, 1 - part, part + both, 1 - part + both, (1 + both) ** 2]) / (1 + both)
+
+
+@pytest.mark.slow
+def test_more_points_resolve_lognormal_numbers_with_intervals_that_cover():
+    def found(function, seed, points):
+        of = indices(function, 2, [[0], [1]], seed=seed, points=points)
+        rows = [(one.value.ravel(), one.half_width.ravel()) for one in (of.first, of.total, of.variance)]
+        return np.concatenate(rows, axis=1)
+
+    for spread, part in ((0.3, 1.0), (0.5, 0.5), (0.5, 1.0), (0.7, 1.0), (1.0, 0.2)):
+        function, truth = lognormal_and_normal(spread, part)
+        values, widths = np.array([found(function, 1, 2**k) for k in range(5, 10)]).swapaxes(0, 1)
+        known = np.isfinite(values)
+        assert (known[1:] >= known[:-1]).all()
+        assert known[-1].all()
+        assert (np.abs(values - truth)[known] <= widths[known] + 1e-9).all()
+        assert widths[-1, :4].max() < 0.05
+    function, truth = lognormal_and_normal(0.5, 0.5)
+    runs = np.array([found(function, seed, 64) for seed in range(20)])
+    assert np.isfinite(runs).all()
+    assert (np.abs(runs[:, 0] - truth) <= runs[:, 1]).sum(axis=0).min() >= binom.ppf(1e-4, 20, 0.95)
+
+
+@pytest.mark.slow
+def test_an_angle_whose_farthest_tail_is_more_than_half_a_turn():
+    """A slide y of a ± 0.3 m and a swivel of σ = 0.45 rad, 0.5 m to the tool: shares of 0.5 sin and cos in closed form."""
+    sources = [JointOffset(joint="rail", offset=pp.Uniform(0.3)), JointOffset(joint="swivel", offset=pp.Normal(0.45))]
+    model = pp.ErrorModel(chain_of(SWING, tip="tool", gravity=(0, 0, 0)), pp.Space(), sources)
+    found, square = pp.budget(model, [0.0, 0.0], samples=FEW).poses[0], 0.45**2
+    sine = 0.25 * (1 - math.exp(-2 * square)) / 2
+    cosine = 0.25 * ((1 + math.exp(-2 * square)) / 2 - math.exp(-square))
+    slide = 0.3**2 / 3
+    rail, swivel = (group.total for group in found.groups)
+    for quantity, turned in (("position", sine + cosine), ("position.y", sine)):
+        for part, estimate in ((slide, rail[quantity]), (turned, swivel[quantity])):
+            low, high = estimate.interval
+            assert low - 1e-6 <= part / (slide + turned) <= high + 1e-6
+            assert high - low < 0.1
+    sources[1] = JointOffset(joint="swivel", offset=pp.Normal(1.5))
+    with pytest.raises(pp.InputError, match="an error turns a place by half a turn"):
+        pp.budget(pp.ErrorModel(model.chain, pp.Space(), sources), [0.0, 0.0], samples=FEW)
 
 
 def test_points_lie_inside_and_depend_on_the_seed_alone():

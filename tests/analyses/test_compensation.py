@@ -259,7 +259,7 @@ class Wrong:
         (lambda: three_joints(limits(-1, 1), limits(-1, 1)), "position", 9),
         (six_joints, "pose", 5),
         (lambda: tight(6, (2,)), "pose", 3),
-        (lambda: tight(7), "pose", 1),
+        (lambda: tight(7), "pose", 4),
         (lambda: tight(7, (2,)), "position", 2),
     ],
     ids=["three", "six", "six with a slide", "seven", "seven in position"],

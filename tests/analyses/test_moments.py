@@ -111,6 +111,29 @@ def test_one_joint_by_hand(method, law):
     np.testing.assert_array_equal(found.covariance.value, found.covariance.value.T)
 
 
+@pytest.mark.parametrize("method", ["sobol", "plain"])
+def test_an_angle_whose_farthest_tail_is_more_than_half_a_turn(method):
+    """σ = 0.45 rad: of 1e11 robots one is turned by half a turn."""
+    found = moments(one_joint_arm("normal", 0.45), method=method, samples=16 * 1024, seed=1, confidence=0.999).poses[0]
+    for estimate, truth in zip(estimates(found), one_joint("normal", 0.45), strict=True):
+        assert covered(estimate, truth).all()
+    with pytest.raises(pp.InputError, match="an error turns a place by half a turn"):
+        moments(one_joint_arm("normal", 1.5), method=method, samples=16 * 1024)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["sobol", "plain"])
+def test_more_samples_resolve_the_variance_of_a_lognormal_slide(method):
+    """A standard deviation of half of the mean of 2 mm: the variance is 1 mm²."""
+    model, known = arm(pp.Draw("a", pp.Lognormal(1e-3, 2e-3)), kind="prismatic"), []
+    for samples in 2 ** np.arange(10, 17):
+        found = moments(model, method=method, samples=int(samples)).poses[0]
+        known.append(bool(np.isfinite(found.covariance.value[0, 0])))
+        assert not known[-1] or abs(found.covariance.value[0, 0] - 1e-6) <= found.covariance.half_width[0, 0]
+    assert known == sorted(known)
+    assert known[-2:] == [True, True]
+
+
 def test_the_remainder_of_the_closed_form_is_the_last_order_taken():
     """The mean cosine is 1 - σ²/2 + σ⁴/8 …, the variance of the sine σ² - σ⁴ …; that of the cosine begins with σ⁴/2."""
     found, length = moments(one_joint_arm("normal", 0.1), method="closed").poses[0], LENGTHS[0]

@@ -13,14 +13,15 @@ variance. The known laws show whether they do. Each uniform number of a sample i
 all others at their medians, on nodes that are dense towards both ends. This gives the second and third moments, as far
 as single numbers cause them, of a statistic that is a mean over samples, and from these the skewness of the mean of all
 replicates. The replicates of a net have one point in each n-th of each axis, so only the two outermost n-ths count. A
-mean with a skewness above `MOST_SKEWNESS` is too far from normal for an interval, and not resolved.
+mean with a skewness above `MOST_SKEWNESS` is too far from normal for these intervals. It gets that of Chebyshev's
+inequality with the known variance, which holds for all laws, or is not resolved where this is wider than `MOST_REACH`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.space import Space
 from precision_pin.statistics import quantile_ranks
 from precision_pin.statistics.intervals import studentised
@@ -112,6 +114,9 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
 MOST_SKEWNESS: Final = 0.6
 """Largest skewness of the mean of all replicates; a count of 2.8 expected events has as much."""
 
+MOST_REACH: Final = 0.1
+"""Largest half-width of Chebyshev's interval, as a fraction of the estimate's scale."""
+
 # exponent of the outermost cell's inner edges, 2⁻⁵⁰ from both ends
 _DEEPEST: Final = -50
 
@@ -170,17 +175,46 @@ class Marginals:
             result[:, where] = part - (part @ self.weights[where])[:, None]
         return result
 
-    def is_resolved(
-        self, contributions: Array, replicate_variance: Array, factors: Array | None = None
-    ) -> NDArray[np.bool_]:
-        """Return ``(q,)`` whether the mean of a statistic over all samples is close enough to normal.
+    def evaluate(self, function: Callable[[Array], Array]) -> tuple[Marginals, Array]:
+        """Return the nodes with the values ``(k, M)`` of a function of uniform numbers ``(d, M)``.
+
+        Where it does not exist, far out on the tails, nodes move inwards to where it does.
+
+        Raises:
+            InputError: The function does not exist at the medians.
+        """
+        try:
+            return self, function(self.uniforms)
+        except InputError:
+            pass
+        uniforms, values = self.uniforms.copy(), []
+        for number, where in enumerate(self.columns):
+            for depth in range(-_DEEPEST, 0, -1):
+                nodes = self.uniforms[:, where].copy()
+                nodes[number] = np.clip(nodes[number], 0.5**depth, 1 - 0.5**depth)
+                try:
+                    values.append(function(nodes))
+                except InputError:
+                    if depth == 1:
+                        raise
+                else:
+                    uniforms[:, where] = nodes
+                    break
+        return replace(self, uniforms=uniforms), np.concatenate(values, axis=1)
+
+    def resolve(
+        self, found: Estimates, contributions: Array, scale: Array, confidence: float, factors: Array | None = None
+    ) -> Estimates:
+        """Return estimates ``(…, q)`` with intervals that allow for the tails, NaN where they are not resolved.
 
         Args:
+            found: Means of a statistic over all samples.
             contributions, factors: ``(q, M)`` contribution of a sample at each node; factors along each number, ``(d,
-                q)``.
-            replicate_variance: ``(q,)`` sampled variance of a replicate's mean.
+                …, q)``.
+            scale: ``(q,)`` positive numbers to which the half-widths are compared.
+            confidence: Confidence of the intervals.
         """
-        second, third = np.zeros(len(contributions)), np.zeros(len(contributions))
+        second, third = np.zeros(found.value.shape), np.zeros(found.value.shape)
         for number, where in enumerate(self.columns):
             factor = 1.0 if factors is None else factors[number]
             for cell in self._cells(number):
@@ -192,9 +226,10 @@ class Marginals:
                 count = self.points * share
                 second += factor**2 * (count * (off**2 @ weights / share) / self.points**2)
                 third += factor**3 * (count * (off**3 @ weights / share) / self.points**3)
-        variance = np.maximum(second, np.nan_to_num(replicate_variance))
-        limit = MOST_SKEWNESS * math.sqrt(REPLICATES) * variance**1.5
-        return np.abs(third) <= limit
+        is_normal = np.abs(third) <= MOST_SKEWNESS * math.sqrt(REPLICATES) * second**1.5
+        reach = np.sqrt(second / (REPLICATES * (1 - confidence)))
+        half_width = np.hypot(found.half_width, np.where(is_normal, 0.0, reach))
+        return replace(found, half_width=half_width).where(is_normal | (reach <= MOST_REACH * scale))
 
     def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
         """Return the outermost nodes along some numbers, beyond which few samples lie, and their weights."""

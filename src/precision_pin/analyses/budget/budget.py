@@ -100,7 +100,8 @@ class SampledBudget:
         )
         self.x = at.space.inverse(self.points)
         self.norms = self._norms(self.x)
-        self.marginals = Marginals.of(size, samples // REPLICATES, is_net=True, breaks=law_breaks(at.space))
+        nodes = Marginals.of(size, samples // REPLICATES, is_net=True, breaks=law_breaks(at.space))
+        self.marginals, _ = nodes.evaluate(lambda uniforms: self._norms(at.space.inverse(uniforms)))
         self.nodes = at.space.inverse(self.marginals.uniforms)
         self.known = found_quantiles(self.norms, MARKED)
         self.quantiles = _estimates(self.known.estimates(confidence))
@@ -436,46 +437,36 @@ def sobol_indices(
         totals[k] = together @ (change**2 + change_back**2).mean(axis=2) / 4
 
     variance = jackknife(lambda used: variances[:, used].mean(axis=1), confidence)
-    marginals = Marginals.of(len(points), at_a.shape[2], is_net=True, breaks=breaks)
-    squares = together @ marginals.subtract_means(function(marginals.uniforms)) ** 2
-    known = marginals.is_resolved(squares, variance.replicate_variance)
+    marginals, values = Marginals.of(len(points), at_a.shape[2], is_net=True, breaks=breaks).evaluate(function)
+    squares = together @ marginals.subtract_means(values) ** 2
+    resolved = marginals.resolve(variance, squares, variance.value, confidence)
     member = np.zeros((len(groups), len(points)))
     for k, rows in enumerate(groups):
         member[k, np.asarray(rows)] = 1
 
     def share(numerators: Array, members: Array) -> Estimates:
+        """Return shares; ``members``, ``(…, d)``, is one for numbers that contribute to the numerator, otherwise zero."""
+
         def statistic(used: NDArray[np.bool_]) -> Array:
             below = variances[:, used].mean(axis=1)
             below = np.where(below > smallest, below, np.nan)
             return numerators[..., used].mean(axis=-1) / below
 
         found = jackknife(statistic, confidence)
-        return found.where(known & _are_ratios_resolved(marginals, squares / variance.value[:, None], found, members))
+        factors = np.moveaxis(members[..., None] - found.value[..., None, :], -2, 0)
+        contributions = squares / variance.value[:, None]
+        return marginals.resolve(found, contributions, np.ones(len(squares)), confidence, factors).where(
+            np.isfinite(resolved.value)
+        )
 
     with np.errstate(divide="ignore", invalid="ignore"):
         return Indices(
             first=share(firsts, member),
             total=share(totals, member),
             first_sum=share(firsts.sum(axis=0), member.sum(axis=0)),
-            variance=variance.where(known),
+            variance=resolved,
             varies=variance.value > smallest,
         )
-
-
-def _are_ratios_resolved(marginals: Marginals, shares: Array, found: Estimates, members: Array) -> NDArray[np.bool_]:
-    """Return which indices ``found``, ``(…, Q)``, the points resolve.
-
-    ``shares`` are the contributions of the nodes to the relative variance, ``(Q, M)``; ``members``, ``(…, d)``, is one
-    for numbers that contribute to the numerator, otherwise zero.
-    """
-    values = found.value.reshape(-1, len(shares))
-    seen = found.replicate_variance.reshape(values.shape)
-    of_each = members.reshape(len(values), len(marginals.columns))
-    resolved = [
-        marginals.is_resolved(shares, variance, member[:, None] - value)
-        for value, variance, member in zip(values, seen, of_each, strict=True)
-    ]
-    return np.array(resolved, dtype=bool).reshape(found.value.shape)
 
 
 def _mix_points(points: Array, other_points: Array, rows: Sequence[int] | NDArray[np.intp]) -> Array:

@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 from precision_pin.analyses.moments.moments_control import STEP, Control, ErrorAround, Uncorrelated, thin
 from precision_pin.analyses.monte_carlo import answer_of, subject
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
-from precision_pin.analyses.replicates import REPLICATES, Marginals, jackknife, law_breaks
+from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, jackknife, law_breaks
 from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.base.arguments import check_name, shown
 from precision_pin.base.arrays import Array, Keys, Record
@@ -441,7 +441,7 @@ class _Sampled:
     def estimates(self, confidence: float) -> tuple[Measured, Measured, Measured, Measured]:
         """Return mean ``(6,)``, covariance ``(6, 6)``, mean and variance of the norms ``(2,)``."""
         found = jackknife(self._statistic, confidence)
-        found = found.where(self._are_resolved(found.value, found.replicate_variance))
+        found = self._resolved(found, confidence)
         pieces = [
             Measured(*(part.reshape(shape) for part in parts))
             for shape, *parts in zip(
@@ -452,14 +452,13 @@ class _Sampled:
         ]
         return cast("tuple[Measured, Measured, Measured, Measured]", tuple(pieces))
 
-    def _are_resolved(self, values: Array, replicate_variance: Array) -> NDArray[np.bool_]:
-        """Return ``(46,)`` which estimates the samples resolve."""
-        space = self._at.space
+    def _resolved(self, found: Estimates, confidence: float) -> Estimates:
+        """Return the estimates ``(46,)`` with intervals that allow for the tails, NaN where they are not resolved."""
+        space, values = self._at.space, found.value
         if not space.size:
-            return np.ones(values.size, dtype=bool)
-        marginals = Marginals.of(space.size, self._count, is_net=self._net, breaks=law_breaks(space))
-        x = space.inverse(marginals.uniforms)
-        rows = self._rows(x, sampler.errors_at(self._layout, "exact", x))
+            return found
+        nodes = Marginals.of(space.size, self._count, is_net=self._net, breaks=law_breaks(space))
+        marginals, rows = nodes.evaluate(self._rows_of)
         rest, norms = marginals.subtract_means(rows[-8:-2]), rows[-2:]
         squares = rest[:, None] * rest
         if self._control:
@@ -475,7 +474,15 @@ class _Sampled:
         # contributions to the variance of a norm are squares about its mean
         about = (rows[-2:] ** 2 - off) - 2 * (values[42:44] - self._centre)[:, None] * norms
         contributions = np.concatenate([rest, squares.reshape(36, -1), norms, about])
-        return marginals.is_resolved(contributions, replicate_variance)
+        variances = np.maximum(np.concatenate([values[6:42:7], values[44:]]), 0.0)
+        std = np.sqrt(variances)
+        scale = np.concatenate([std[:6], np.outer(std[:6], std[:6]).ravel(), std[6:], variances[6:]])
+        return marginals.resolve(found, contributions, scale, confidence)
+
+    def _rows_of(self, uniforms: Array) -> Array:
+        """Return the rows at uniform numbers ``(d, N)``."""
+        x = self._at.space.inverse(uniforms)
+        return self._rows(x, sampler.errors_at(self._layout, "exact", x))
 
     def _statistic(self, used: NDArray[np.bool_]) -> Array:
         products = self._products[used]
