@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -508,6 +509,10 @@ def rare_events(
     )
 
 
+def _of_side(sides: Margin, row: int, normals: Array) -> Array:
+    return np.asarray(sides(normals)[row])
+
+
 def _within(
     stratum: Stratum,
     margin_of_values: Callable[[Array], Array],
@@ -546,7 +551,7 @@ def _within(
     every = max(1, subset.failures.shape[1] // _STARTS_OF_FAILURES)
     begin = [*starts, *subset.failures.T[::every][:_STARTS_OF_FAILURES]]
     for row in range(0 if symmetric else len(sides(np.zeros((size, 1))))):
-        aside = form(lambda u, row=row: sides(u)[row], size, [np.zeros(size), *starts[:2]], stratum.jumps)
+        aside = form(partial(_of_side, sides, row), size, [np.zeros(size), *starts[:2]], stratum.jumps)
         begin += [point.u for point in aside.points]
     searched = form(margin, size, begin, stratum.jumps)
     shifted = importance_sampling(
