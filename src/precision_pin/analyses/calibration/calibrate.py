@@ -373,8 +373,6 @@ def measured_problem(
 
 _LARGEST_SHARE: Final = 0.1
 """Share of the spread of the poses beyond which an estimated std shows that the data are not of this arm."""
-_FARTHEST: Final = 50.0
-"""Root mean square of whitened residuals of most readings beyond which data are refused."""
 _BETTER: Final = 5.0
 """How many times smaller distances must be for a unit to be called wrong."""
 _UNITS: Final = {180 / np.pi: "radians, not degrees", np.pi / 180: "degrees, not radians"}
@@ -385,14 +383,18 @@ def _refuse_far_readings(problem: fitting.Problem, data: CalibrationData) -> Non
     """Refuse readings most of which no robot within the tolerances, by far, can have given: columns are swapped, or units."""
     is_known = not problem.unknown_deviations
     if not is_known:  # whatever it is, it is no such share of the space that the arm is in
-        factor = _LARGEST_SHARE * problem.spread / _FARTHEST / float(np.median(problem.deviations[:, 0]))
+        factor = _LARGEST_SHARE * problem.spread / fitting.FARTHEST / float(np.median(problem.deviations[:, 0]))
         problem = replace(problem, deviations=factor * problem.deviations)
-    far = problem.consensus.scale
+    far, many = problem.consensus.scale, problem.consensus.too_many
     if far <= fitting.ODD:
+        if len(many) > design.MOST_GROSS * len(data):
+            rows = ", ".join(data.label(row).removeprefix("row ") for row in many)
+            message = f"{len(many)} of {len(data)} readings do not fit the others, which agree: rows {rows}; measure these again"
+            raise InputError.of("E_DATA", message, data.file or None)
         return
     _refuse_other_unit(problem.model, data)
     zeros = refuse_reversed(problem.model.chain, data, data.measurements[int(np.bincount(data.part).argmax())])
-    if far <= _FARTHEST or not is_known:
+    if far <= fitting.FARTHEST or not is_known:
         return
     values = problem.residuals(np.zeros(problem.unit.root.shape[1]), problem.start)
     median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))

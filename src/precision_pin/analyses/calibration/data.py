@@ -468,6 +468,8 @@ _EVALUATIONS: Final = 15
 """Evaluations of a fit of zeros: the right one needs fewer."""
 _HOLD: Final = 1e-4
 """Weight of a zero, m/rad, that holds one that no reading sees."""
+_ALIGNED: Final = 4
+"""Alignments of points with readings, in each of which those far off weigh less."""
 _OUTSIDE: Final = 5.0
 """Residual, in medians of all, of a reading that does not count."""
 
@@ -486,9 +488,9 @@ class Zeros(NamedTuple):
 
 
 def fit_zeros(chain: Chain, q: Array, readings: Array, measurement: Measurement, most: int = 40) -> Zeros:
-    """Return the best zeros, with unknown base, target or anchor, fitted to readings ``(P, 3)`` or ``(P, 1)`` in ``most`` steps.
+    """Return the best zeros, fitted with unknown base, target or anchor to readings ``(P, 3)`` or ``(P, 1)``.
 
-    Readings that are far off hardly pull.
+    Readings that are far off hardly pull. ``most`` is the number of evaluations.
     """
     count = len(chain.joints)
     is_free, is_distance = measurement.base == "free", measurement.kind == "distance"
@@ -519,9 +521,14 @@ def _length(chain: Chain) -> float:
 
 
 def _aligned(points: Array, readings: Array) -> Array:
-    centre, other = points.mean(axis=0), readings.mean(axis=0)
-    rotation = se3.nearest_rotation((readings - other).T @ (points - centre))
-    return np.asarray((points - centre) @ rotation.T + other)
+    weights = np.ones(len(points))
+    for _ in range(_ALIGNED):
+        centre, other = (np.average(each, axis=0, weights=weights) for each in (points, readings))
+        rotation = se3.nearest_rotation((weights[:, None] * (readings - other)).T @ (points - centre))
+        moved = (points - centre) @ rotation.T + other
+        sizes = np.linalg.norm(moved - readings, axis=1)
+        weights = 1 / (sizes + np.median(sizes) + 1e-12)
+    return np.asarray(moved)
 
 
 def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measurement) -> Zeros | None:

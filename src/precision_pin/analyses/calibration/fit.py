@@ -59,6 +59,10 @@ _TRIED_STEPS: Final = 8
 """Steps of a fit that only shows which readings, if any, are not explained."""
 _GROSS: Final = 1e-3
 """Probability that any right reading of a set is taken for a gross error."""
+_MOST_LEFT_OUT: Final = 0.4
+"""Share of readings that a fit may leave out to find on what most agree."""
+FARTHEST: Final = 50.0
+"""Root mean square of whitened residuals of most readings beyond which data are refused."""
 ODD: Final = 5.0
 """Root mean square of whitened residuals beyond which gross errors, and then another unit of the joint values, are sought."""
 _ALONE: Final = 1e-9
@@ -277,22 +281,24 @@ class Problem:
         z, nuisances = np.zeros(self.unit.root.shape[1]), self.start
         white, numbers = self.whiten(self.residuals(z, nuisances)), np.concatenate([rows for rows, _ in self.places])
         sizes = reweighed_sizes(white, *self.slopes(z, nuisances), numbers)
-        scale, most = float(np.sqrt((sizes**2).mean())), int(MOST_GROSS * len(sizes))
+        scale, most = float(np.sqrt((sizes**2).mean())), int(_MOST_LEFT_OUT * len(sizes))
         if sizes.max() <= ODD:
-            return Consensus({}, scale)
+            return Consensus({}, scale, ())
         gross = dict.fromkeys(np.argsort(-sizes)[:most].tolist(), np.inf)
         for _ in range(REWEIGHED):
             try:
                 best = Descent(self.without(gross), has_prior=True, at=(z, nuisances)).fit(_TRIED_STEPS)
             except InputError:  # an error turns a place by half a turn
-                return Consensus({}, scale)
+                return Consensus({}, scale, ())
             scale = float(np.sqrt(best.chi_square / max(best.degrees_of_freedom, 1)))
             z, nuisances = best.z, best.nuisances
             (distance, excess), before = self.outlying(best, gross), gross.keys()
             gross = {row: float(distance[row]) for row in np.argsort(-excess)[:most].tolist() if excess[row] > 1}
             if gross.keys() == before:
                 break
-        return Consensus(gross if (excess > 1).sum() <= most else {}, scale)
+        if len(gross) <= MOST_GROSS * len(sizes):
+            return Consensus(gross, scale, ())
+        return Consensus({}, scale, tuple(sorted(row for row in gross if distance[row] > FARTHEST**2)))
 
     def outlying(self, best: Fit, gross: Collection[int]) -> tuple[Array, Array]:
         """Return squared sizes ``(P,)``, in standard deviations, about a fit without each and without gross errors, over limits.
@@ -342,12 +348,15 @@ class Consensus(NamedTuple):
     """What most readings agree on.
 
     Attributes:
-        gross: Readings that a fit of the others does not explain, with the squares of their sizes in standard deviations.
+        gross: Readings that a fit of the others does not explain, with the squares of their sizes in standard deviations; none
+            where these are too many.
         scale: Root mean square of the whitened residuals of the others.
+        too_many: Those of too many that are far off.
     """
 
     gross: dict[int, float]
     scale: float
+    too_many: tuple[int, ...]
 
 
 class Fit(NamedTuple):
