@@ -290,6 +290,14 @@ def test_far_readings_are_named_and_the_others_fit(kind, share, size, std):
 
 
 @pytest.mark.slow
+def test_too_many_far_readings_are_refused_by_their_rows():
+    readings, rows = measured()[0], [2, 3, 7, 11]
+    readings[rows, 1] += 0.3
+    said = "4 of 12 readings do not fit the others, which agree: rows 3, 4, 8, 12; measure these again"
+    check_refused((said, pp.calibrate, model(), (Q, readings), of_targets(1)[0]))
+
+
+@pytest.mark.slow
 def test_missing_readings_are_those_of_a_file_without_them(tmp_path):
     one, two, _ = measured()
     columns = {name: [repr(float(value)) for value in values] for name, values in (xyz(1, one) | xyz(2, two)).items()}
