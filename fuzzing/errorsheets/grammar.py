@@ -233,7 +233,9 @@ class _Maker:
                 {"bending_stiffness": self._far(1e6, "N*m/rad"), "torsion_stiffness": "1e6 N*m/rad"},
             ]
         )
-        return {"beam": {"link": self.links[1], **rigid}}
+        # where a carriage travels on the link, its stiffnesses would change with its length
+        is_rail = "bending_stiffness" in rigid and self.links[1] == "beam"
+        return {"beam": {"link": self.links[0 if is_rail else 1], **rigid}}
 
     def _compliance(self) -> Data:
         joint = self._joint()

@@ -138,6 +138,7 @@ FINE = {
     "seed": "zero", "confidence": POSITIVE, "specifications": EMPTY, "findings": EMPTY, "until": EMPTY, "threads": OPTIONAL,
     "progress": "nothing, true, function", "keep_samples": "true", "reference": OPTIONAL, "relative_to": OPTIONAL,
     "approach": "nothing, empty list, empty mapping", "locked": "nothing, empty mapping", "k": POSITIVE,
+    "coupled": "empty mapping",
     "correlations": EMPTY, "kinds": EMPTY, "mean": NUMBER, "half_width": NOT_NEGATIVE, "radius": NOT_NEGATIVE,
 }  # fmt: skip
 """The mistakes that are none, wherever an argument has this name."""

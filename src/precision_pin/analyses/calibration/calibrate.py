@@ -28,6 +28,7 @@ from precision_pin.analyses.calibration.forecast import (
     interval_after,
     normal_interval,
 )
+from precision_pin.analyses.calibration.start import nominal_distance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
@@ -416,11 +417,11 @@ def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
     turning = ~model.chain.prismatic
     each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
     found: list[tuple[float, str]] = [(np.inf, "")]
-    before = design.nominal_distance(model.chain, data)
+    before = nominal_distance(model.chain, data)
     for is_other, (factor, units) in product(each, _UNITS.items()):
         scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
         with suppress(InputError):
-            distance = design.nominal_distance(model.chain, replace(data, q=scaled))
+            distance = nominal_distance(model.chain, replace(data, q=scaled))
             found.append((distance, f"{', '.join(compress(model.chain.joint_names, is_other))} are {units}"))
     distance, what = min(found, key=lambda one: one[0])
     if distance < before / _BETTER:

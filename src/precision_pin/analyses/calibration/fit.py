@@ -29,17 +29,14 @@ from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import (
     MOST_GROSS,
     NEGLIGIBLE,
-    REWEIGHED,
     Estimator,
     Instruments,
     Station,
     UnitNumbers,
-    first_guess,
-    readings_in_base,
-    reweighed_sizes,
     stations_of_data,
     without,
 )
+from precision_pin.analyses.calibration.start import REWEIGHED, first_guess, readings_in_base, reweighed_sizes
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
