@@ -180,23 +180,23 @@ NO_STD = np.zeros(0)
 
 
 def turned(kind, rng):
-    """Return attitudes ``(P,)`` of the tool, 43 of any turn, about one axis, or 40 alike and 3 alike."""
+    """Return attitudes ``(P,)`` of the tool, 43 of any turn, about one axis, 40 alike and 3 alike, or all alike."""
     if kind == "any":
         return Rotation.random(43, rng=rng)
     if kind == "one axis":
         return Rotation.from_rotvec(rng.uniform(-3, 3, (43, 1)) * [[0.0, 0.6, 0.8]])
-    return Rotation.random(rng=rng) * Rotation.from_rotvec(
-        np.pi / 2 * (np.arange(43) > 39)[:, None] * [[0.0, 0.0, 1.0]]
-    )
+    others = np.arange(43)[:, None] > (39 if kind == "two attitudes" else 43)
+    return Rotation.random(rng=rng) * Rotation.from_rotvec(np.pi / 2 * others * [[0.0, 0.0, 1.0]])
 
 
 @pytest.mark.parametrize("base", ["free", "known"])
-@pytest.mark.parametrize("attitudes", ["any", "one axis", "two attitudes"])
+@pytest.mark.parametrize("attitudes", ["any", "one axis", "two attitudes", "in a plane"])
 def test_the_first_guess_is_exact_for_any_turn(attitudes, base):
     """Readings by products of matrices, without noise: the guess gives the same, and where it is determined the set-up."""
     for seed in range(2):
         rng = np.random.default_rng(seed)
         turns, places = turned(attitudes, rng), rng.uniform(-0.5, 0.5, (43, 3))
+        places[:, 2] *= attitudes != "in a plane"
         seen_from, target = Rotation.random(rng=rng), Rotation.random(rng=rng)
         origin, offset = rng.uniform(-2, 2, 3), rng.uniform(-0.3, 0.3, 3)
         if base == "known":
@@ -253,7 +253,7 @@ def test_a_marker_turned_on_the_tool_is_found_with_the_base(degrees, std):
 FAR = (
     ("position", 0.2, 5e-3, "estimate"),
     ("pose", 0.2, 0.04, 20e-6),
-    ("distance", 0.1, 0.2, 20e-6),
+    ("distance", 0.2, 0.2, 20e-6),
     ("targets", 0.2, 1.0, 20e-6),
 )
 
