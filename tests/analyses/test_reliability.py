@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from benchmarks.coverage import rare
-from scipy import integrate, stats
+from scipy import integrate, special, stats
 
 import precision_pin as pp
 from precision_pin.analyses.reliability import estimates, importance
@@ -245,6 +245,10 @@ def test_failures_lead_importance_sampling_to_where_no_design_point_is(monkeypat
     assert not found.resolved
     assert "may miss" in found.note
     assert 35 < float(found.note.split()[4]) < 65  # the other side holds half of the failures
+    # the mixture misses all of the failures that are known
+    given["failures"] = np.abs(subset.failures) * [[-1.0], [1.0], [1.0]]
+    found = importance_sampling(both_sides, 3, ONE_SIDE, **given, confidence=0.95)
+    assert (found.resolved, found.interval[1]) == (False, 1.0)
 
 
 # --- intervals ---
@@ -374,6 +378,44 @@ def test_rare_values_become_strata_of_known_probability():
     assert (rare_part.values(normals)[0] == 1).all()
     assert [jump.row for jump in usual.jumps] == [1, 2]
     np.testing.assert_array_equal(Stratum(space).values(normals)[3], 0.1 * normals[3])
+
+
+def test_combinations_of_less_rare_values_and_values_that_lie_apart_are_strata_too():
+    shims = [pp.Draw(f"shim{k}", pp.TwoPoint(1.6, -1.6, 0.988)) for k in range(3)]
+    strata = stratified(pp.Space((*shims, pp.Draw("z", pp.Normal(0.2, 4.0)))), lambda x: 5 - np.abs(x.sum(axis=0)))
+    assert [len(part.combinations) for part in strata.parts] == [1, 3, 3, 1]
+    assert strata.parts[-1].probability == pytest.approx(0.012**3, rel=1e-9)
+    # of 40 samples the lowest lies apart: towards the middle of the limits, so that no margin tells
+    samples = [-3.0, *np.linspace(-0.1, 0.1, 39)]
+    space = pp.Space((pp.Draw("e", pp.Empirical.from_samples(samples)), pp.Draw("z", pp.Normal(0.2, 4.0))))
+    strata = stratified(space, lambda x: 5 - np.abs(x.sum(axis=0)), lambda x: 5 - np.array([[1], [-1]]) * x.sum(axis=0))
+    assert [part.probability for part in strata.parts] == pytest.approx([1 - 1.5 / 40, 1.5 / 40])
+    assert strata.parts[1].values(np.zeros((2, 1)))[0] < -0.1 * 10
+    # values too rare to be told from nothing, and combinations too many to be enumerated
+    never = pp.Space(tuple(pp.Draw(f"n{k}", jump_of(1e-200)) for k in range(2)))
+    assert [part.probability for part in stratified(never, beyond).parts] == [1.0]
+    many = pp.Space(tuple(pp.Draw(f"m{k}", jump_of(0.05)) for k in range(14)))
+    assert len(stratified(many, beyond).parts) == 1
+
+
+def test_levels_for_each_side_find_the_failures_beyond_the_valley():
+    """The error is 4 + 0.2 u - y with y lognormal: beyond -5 lies most of what exceeds 5."""
+    places, weights = special.roots_legendre(400)
+    z, spread = 8.5 * places, 0.45
+    density, y = 8.5 * weights * stats.norm.pdf(z), np.exp(spread * z)
+    near, far = density @ stats.norm.sf((1 + y) / 0.2), density @ stats.norm.cdf((y - 9) / 0.2)
+
+    def sides(u):
+        x = 4 + 0.2 * u[0] - np.exp(spread * np.clip(u[1], -8.5, 8.5))
+        return 1 - np.array([x, -x, np.zeros_like(x)]) / 5
+
+    given = {"seed": 1, "samples": 1000, "confidence": 0.999}
+    found = subset_simulation(sides, 2, **given)
+    assert far > 10 * near
+    check_resolved(near + far, found.estimate)
+    assert (sides(found.failures).min(axis=0) < 0).all()
+    # levels that are too rare to matter are not tried
+    assert subset_simulation(sides, 2, **given, least=0.05).estimate.evaluations < found.estimate.evaluations / 2
 
 
 def test_rows_that_leave_least_are_strata_of_tables():

@@ -4,6 +4,8 @@ A hinge with its tip 1 m away, so that |δ| is the size of one number. Each requ
 is met is wrong, and may be in 2.5 of 100 runs. Coverage is measured as docs/coverage.md is, with fewer runs.
 """
 
+import itertools
+
 import numpy as np
 import pytest
 from benchmarks.coverage import analyses
@@ -32,9 +34,9 @@ def hinge(*laws, scope=pp.Scope.UNIT):
     return pp.ErrorModel(one_link(), pp.Space(draws), offsets)
 
 
-def rare(share, size):
-    """Return 0, and a size (in units) in a share of the robots."""
-    return TwoPoint(size * UNIT / 2, size * UNIT / 2, share)
+def rare(share, size, lower=0.0):
+    """Return a lower value, and one higher by a size (in units) in a share of the robots."""
+    return TwoPoint(size * UNIT / 2, (lower + size / 2) * UNIT, share)
 
 
 def with_a_rare_step(x):
@@ -139,6 +141,40 @@ def test_a_rare_failure_is_not_understated(laws, limit, failing):
     ends = [one.best.interval for one in found]
     assert sum(low <= truth <= high for low, high in ends) >= stats.binom.ppf(1e-3, turns, 0.95)
     assert sum(one.resolved for one in found) > turns / 2
+
+
+def nodes_of(law):
+    """Return numbers of a law and their weights: its values, or those of a quadrature over its lines."""
+    if isinstance(law, TwoPoint):
+        return np.array(law.ends), np.array([1 - law.probability, law.probability])
+    places, weights = np.polynomial.legendre.leggauss(30)
+    lines = [(q - p, low, high) for (p, low), (q, high) in itertools.pairwise(law.quantiles)]
+    found = [(low + (high - low) * (places + 1) / 2, share * weights / 2) for share, low, high in lines]
+    return np.concatenate(found, axis=1)
+
+
+OUTLIER = pp.Empirical.from_samples([-4.7 * UNIT, *(UNIT * np.linspace(-0.1, 0.1, 39))])
+VALLEYS = {"two values": (0.14, [rare(0.988, 3.2, -3.2)] * 3), "samples with an outlier": (0.16, [OUTLIER] * 2)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VALLEYS)
+def test_failures_behind_a_valley_are_seen(name):
+    """|x| of a mean error of 4 with little noise, less rare values that lead through zero beyond the limit of 5."""
+    noise, laws = VALLEYS[name]
+    total, share = np.full(1, 4.0), np.ones(1)
+    for numbers, weights in (nodes_of(law) for law in laws):
+        total, share = (total[:, None] + numbers / UNIT).ravel(), (share[:, None] * weights).ravel()
+    truth = float(share @ (stats.norm.sf((5 - total) / noise) + stats.norm.sf((5 + total) / noise)))
+    assert truth > 1.5 * stats.norm.sf(1 / noise)  # many fail at the other end
+    asked = Specification("attitude.norm", 5 * UNIT, 1 - truth / 1.5)
+    (found,) = (
+        pp.reliability(hinge(Normal(noise * UNIT, 4 * UNIT), *laws), [asked], [0.0], samples=1000)
+        .poses[0]
+        .specifications
+    )
+    assert (found.verdict, found.resolved) == ("not met", True)
+    assert found.best.interval[0] <= truth <= found.best.interval[1]
 
 
 @pytest.mark.slow

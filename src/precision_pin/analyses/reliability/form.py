@@ -438,6 +438,10 @@ class Stratum(Fixed):
         for k, (name, cuts) in enumerate(self.cuts.items()):
             own = through if name == self._selector else special.ndtr(u[self._rows[name].start])
             groups = np.array([key[k] for key in self.combinations])
+            if all(len(cut) == 1 for cut in cuts):
+                low, high = np.concatenate(cuts)[groups[which]].T
+                found[name] = np.minimum(low + own * (high - low), np.nextafter(high, 0))
+                continue
             used = np.unique(groups)
             if used.size == 1:
                 found[name] = _within(cuts[used[0]], own)

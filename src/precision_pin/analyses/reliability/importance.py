@@ -272,6 +272,8 @@ _KEPT: Final = 0.8
 _TOLD: Final = 160
 # fraction of the probability found below which strata and sides have no further levels
 _UNSEEN: Final = 1e-3
+# smallest difference of two margins, relative to the limit
+_FLAT: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,7 +321,9 @@ def subset_simulation(
     values = _margins(margin, u)
     runs: list[_Run] = []
     found = np.zeros(REPLICATES)
-    for row in np.argsort(values.mean(axis=(1, 2)), kind="stable").tolist():
+    order = np.argsort(values.mean(axis=(1, 2)), kind="stable").tolist()
+    # to a side where nothing varies there is no failure, and no lower level
+    for row in [row for row in order if np.ptp(values[row]) > _FLAT] or order[:1]:
         count = (levels or (samples, samples))[bool(runs)]
         runs.append(_Run(margin, row, generator, count, max(least, _UNSEEN * float(found.mean()))))
         runs[-1].run(u, values[row])
@@ -549,7 +553,8 @@ def _within(
             break
     # known failures lead to design points that the symmetric starts may miss, and so do searches to one side
     every = max(1, subset.failures.shape[1] // _STARTS_OF_FAILURES)
-    begin = [*starts, *subset.failures.T[::every][:_STARTS_OF_FAILURES]]
+    few = least > 0 and not subset.failures.size
+    begin = [*(starts[:2] if few else starts), *subset.failures.T[::every][:_STARTS_OF_FAILURES]]
     for row in range(0 if symmetric else len(sides(np.zeros((size, 1))))):
         aside = form(partial(_of_side, sides, row), size, [np.zeros(size), *starts[:2]], stratum.jumps)
         begin += [point.u for point in aside.points]
