@@ -49,9 +49,7 @@ def grounds_at(
     """
     lost = _Lost.of(model)
     exact = () if lost is None else lost.names
-    most: tuple[Array, Array] | None = None
-    for pair in both:
-        most = pair if most is None else (np.maximum(most[0], pair[0]), np.maximum(most[1], pair[1]))
+    most = largest_of_both(both)
     if model.beyond_limits:
         return Grounds("", exact, most)
     findings = () if model.sheet is None else model.sheet.findings
@@ -72,6 +70,14 @@ def by_both_models(
         with suppress(InputError):
             exact = np.abs(quantity_values(at.exact(x)))
         yield np.abs(quantity_values(at.linear(x))), exact
+
+
+def largest_of_both(both: Iterable[tuple[Array, Array]]) -> tuple[Array, Array] | None:
+    """Return each robot's largest quantities by both models over poses, as from :func:`by_both_models`; None without any."""
+    most: tuple[Array, Array] | None = None
+    for pair in both:
+        most = pair if most is None else (np.maximum(most[0], pair[0]), np.maximum(most[1], pair[1]))
+    return most
 
 
 def grounds_at_each(

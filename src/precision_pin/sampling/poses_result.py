@@ -17,7 +17,7 @@ from precision_pin.base.errors import Finding
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.verdict_grounds import by_both_models, grounds_at, grounds_at_each
+from precision_pin.model.verdict_grounds import by_both_models, grounds_at_each, largest_of_both
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
@@ -248,8 +248,7 @@ class PosesResult(Record, JsonResult):
         both = by_both_models(models, self.model if self.specifications else "", self.seed, self.poses)
         grounds = grounds_at_each(self.error_model, self.q, labels, both)
         of_all = next((one for one in grounds if one.not_judged), grounds[0])
-        pairs = [one.both for one in grounds if one.both is not None]
-        of_all = replace(of_all, both=grounds_at(self.error_model, self.q[:, :0], both=pairs).both)
+        of_all = replace(of_all, both=largest_of_both(one.both for one in grounds if one.both is not None))
 
         def judged(
             rank: int, share: float, interval: tuple[float, float], varies: object, on: Grounds

@@ -722,10 +722,8 @@ def judge(
     ]
     weights, count = sizes / used.size, len(sizes)
     means = [float(weights @ one) for one in squares]
-    trials, lengths = (
-        (min(before.trials, count), min(after.trials, count)),
-        float(np.minimum(problem.sizes[used], 3).mean()),
-    )
+    trials = min(before.trials, count), min(after.trials, count)
+    lengths = float(np.minimum(problem.sizes[used], 3).mean())
     intervals: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
     if count >= FEWEST and means[0] > 0 and means[1] > 0:
         intervals = gain_interval(squares[0], squares[1], weights, trials, lengths)

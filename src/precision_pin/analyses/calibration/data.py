@@ -547,23 +547,23 @@ def refuse_reversed(chain: Chain, data: CalibrationData, measurement: Measuremen
         return fit_zeros(chain, mixing @ q, readings, measurement, _EVALUATIONS).rms
 
     for alternatives in _mixings(chain):
-        mixing = min(alternatives, key=rms_of)
-        rms = rms_of(mixing)
+        sizes = [rms_of(mixing) for mixing in alternatives]
+        mixing, rms = alternatives[int(np.argmin(sizes))], min(sizes)
         if rms < min(plain.rms / _BETTER, bad):
             mixing, rms = _refined(rms_of, mixing, rms)
-            code, names = "E_REVERSED", " and ".join(compress(chain.joint_names, np.diag(mixing) < 0))
             residuals = f"(residuals {1e3 * rms:.3g} mm rms instead of {1e3 * plain.rms:.3g} mm, all zeros free)"
+            if sums := written_sums(mixing, chain.joint_names):
+                message = (
+                    f"readings fit far better where one joint is shown with another {residuals}; if the control does so, "
+                    f"write measurement: {{coupled: {{{sums}}}}} in the sheet"
+                )
+                raise InputError.of("E_COUPLED", message, data.file or None)
+            names = " and ".join(compress(chain.joint_names, np.diag(mixing) < 0))
             message = (
                 f"{names}: readings fit far better with the direction reversed {residuals}; change the sign of the column, or "
                 "turn the axis and its limits around in the URDF; or two columns of places are swapped"
             )
-            if sums := written_sums(mixing, chain.joint_names):
-                code, message = (
-                    "E_COUPLED",
-                    f"readings fit far better where one joint is shown with another {residuals}",
-                )
-                message += f"; if the control does so, write measurement: {{coupled: {{{sums}}}}} in the sheet"
-            raise InputError.of(code, message, data.file or None)
+            raise InputError.of("E_REVERSED", message, data.file or None)
     return plain
 
 

@@ -238,10 +238,8 @@ def stack_at_means(
     for station in stations:
         rows = list(station.rows)
         pose, error = station.at.posture.pose, station.at.error_at_means
-        slopes, points[rows] = (
-            measurement.slopes(pose, error, zero),
-            measurement.predict(pose, error[:, None], zero[:, None])[:, 0],
-        )
+        slopes = measurement.slopes(pose, error, zero)
+        points[rows] = measurement.predict(pose, error[:, None], zero[:, None])[:, 0]
         own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
         by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
         root = station.noise_root(by_error, np.tile(variances, len(rows)), visits)
