@@ -43,7 +43,7 @@ from precision_pin.render import figure_style
 from precision_pin.render.html import element, section
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sheet import read
-from precision_pin.statistics import SpecificationResult
+from precision_pin.statistics import Grounds, SpecificationResult
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
 from support.waiting import eventually
 
@@ -157,6 +157,10 @@ def test_what_to_change_counts_the_robots_inside_the_limit_that_is_missed(model)
         assert agrees(share, 100 * kept.mean())
         assert verdict_there == said
     assert "; not drawn: the limit 40 mm." in picture(results).text  # about the mean, which is far from zero
+    analysis = results.analysis
+    outside = analysis.summary.with_grounds(Grounds("joint1 is outside its limits"))
+    table = Reader(changes(replace(results, analysis=replace(analysis, summary=outside))).text).table("What to change")
+    assert {row[-1].partition(" %, ")[2] for row in table.rows[1:]} == {"not judged"}
 
 
 def test_the_page_loads_nothing_and_runs_only_the_scripts_of_the_view(reader):

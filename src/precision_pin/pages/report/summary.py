@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -88,7 +89,7 @@ def _outcome(errors: Array, quantity: str, asked: SpecificationResult | None) ->
         return [size]
     kept = int(np.count_nonzero(values <= asked.limit))
     share, interval = kept / values.size, clopper_pearson(kept, values.size, 0.95)
-    said = SpecificationResult(quantity, asked.limit, asked.required, share, interval, True)
+    said = replace(asked, probability=share, interval=interval)
     text = f"{format_share(share, interval, asked.required)[0]} %, "
     return [size, element("span", text, element("strong", said.verdict, class_="good" if said.met else "bad"))]
 
