@@ -10,8 +10,8 @@ from __future__ import annotations
 from math import radians
 
 import precision_pin as pp
-from precision_pin.analyses.monte_carlo import analysis_table
 from precision_pin.robot.examples import resolve_robot
+from precision_pin.sampling.table import analysis_table
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.joint_offset import JointOffset

@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 import precision_pin as pp
-from precision_pin.analyses.monte_carlo import analysis_table
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import figures
+from precision_pin.sampling.table import analysis_table
 
 
 def main(folder: Path) -> None:

@@ -18,10 +18,9 @@ import numpy as np
 
 import precision_pin as pp
 from benchmarks.coverage.row import Coverage
-from precision_pin.analyses.budget.budget_result import Estimate
 from precision_pin.analyses.exact_law.exact_law import LEVELS
 from precision_pin.analyses.moments.moments import Measured, Method
-from precision_pin.analyses.worst_case.worst_case import Supports
+from precision_pin.analyses.supports import Supports
 from precision_pin.base.arrays import Array
 from precision_pin.draws import laws
 from precision_pin.draws.draw import Draw
@@ -32,6 +31,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.urdf import parse
 from precision_pin.sources.joint_offset import JointOffset
+from precision_pin.statistics.intervals import Estimate
 
 __all__ = ["measure"]
 

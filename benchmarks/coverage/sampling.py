@@ -13,7 +13,6 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.coverage.row import Coverage
-from precision_pin.analyses.monte_carlo import statistic
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law, Lognormal, Normal, TwoPoint
@@ -24,6 +23,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.blocks import planned
+from precision_pin.sampling.table import statistic
 from precision_pin.sources import JointOffset
 from precision_pin.statistics import (
     Distribution,

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from precision_pin.analyses.compare.compare import compare as compare
     from precision_pin.analyses.compensation.compensate import compensate as compensate
     from precision_pin.analyses.exact_law.exact_law import exact_law as exact_law
+    from precision_pin.analyses.first_order import pose_covariance as pose_covariance
     from precision_pin.analyses.iso9283.figures import iso9283_distance as iso9283_distance
     from precision_pin.analyses.iso9283.figures import iso9283_of as iso9283_of
     from precision_pin.analyses.iso9283.forecast import iso9283 as iso9283
-    from precision_pin.analyses.map.first_order import pose_covariance as pose_covariance
     from precision_pin.analyses.map.map_poses import map_poses as map_poses
     from precision_pin.analyses.moments.moments import moments as moments
     from precision_pin.analyses.path.path_law import path_law as path_law
@@ -92,7 +92,7 @@ _NAMES: Final = {
     "analyses.exact_law.exact_law": "exact_law",
     "analyses.iso9283.figures": "iso9283_distance iso9283_of",
     "analyses.iso9283.forecast": "iso9283",
-    "analyses.map.first_order": "pose_covariance",
+    "analyses.first_order": "pose_covariance",
     "analyses.map.map_poses": "map_poses",
     "analyses.moments.moments": "moments",
     "analyses.path.path_law": "path_law",

@@ -17,8 +17,8 @@ from precision_pin.analyses.allocation.allocate import MEAN
 from precision_pin.analyses.allocation.convex_program import without_solver_lines
 from precision_pin.analyses.allocation.problem import beside, read_problem
 from precision_pin.analyses.allocation.table import allocation_table
-from precision_pin.analyses.exact_law.number_law import NormalNorm
-from precision_pin.analyses.map.first_order import norm_quantile_slopes
+from precision_pin.analyses.first_order import norm_quantile_slopes
+from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.base import units
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.sheet import reader

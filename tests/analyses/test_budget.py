@@ -11,13 +11,12 @@ from scipy.special import ndtri
 from scipy.stats import binom
 
 import precision_pin as pp
+from precision_pin.analyses import shares
 from precision_pin.analyses.budget import budget as budget_module
-from precision_pin.analyses.budget import shares
-from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.budget.figure import figure
-from precision_pin.analyses.budget.shares import by_draw, by_place, correlated_groups
 from precision_pin.analyses.budget.table import table
 from precision_pin.analyses.replicates import half_widths, jackknife
+from precision_pin.analyses.shares import VECTORS, by_draw, by_place, correlated_groups
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.frame import Frame

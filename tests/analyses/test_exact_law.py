@@ -12,14 +12,15 @@ import pytest
 from scipy import integrate, special, stats
 
 import precision_pin as pp
-from precision_pin.analyses.exact_law import number_law
-from precision_pin.analyses.exact_law.exact_law import LEVELS, agreement_of, bound_text, quantile_digits, table
+from precision_pin.analyses import number_law
+from precision_pin.analyses.exact_law.exact_law import LEVELS, agreement_of, quantile_digits, table
 from precision_pin.analyses.exact_law.figure import figure
-from precision_pin.analyses.exact_law.number_law import ConvolvedLaw, NormalLaw, NormalNorm
+from precision_pin.analyses.number_law import ConvolvedLaw, NormalLaw, NormalNorm
 from precision_pin.analyses.provenance import listed_poses
 from precision_pin.draws.laws.lognormal import LOGNORMAL_ERROR, lognormal_characteristic, lognormal_envelope
 from precision_pin.draws.laws.projection import Lines
 from precision_pin.robot import examples
+from precision_pin.statistics.intervals import bound_text
 from support.checks.common import one_link
 from support.refusals import check_refused
 from support.sheets import slides

@@ -8,11 +8,11 @@ from scipy import stats
 
 import precision_pin as pp
 from analyses.test_moments import stretched
-from precision_pin.analyses.exact_law.number_law import NormalNorm
-from precision_pin.analyses.map import first_order as first_order_module
+from precision_pin.analyses import first_order as first_order_module
+from precision_pin.analyses.first_order import LawShapes, first_order
 from precision_pin.analyses.map import map_poses
-from precision_pin.analyses.map.first_order import LawShapes, first_order
 from precision_pin.analyses.map.table import map_table
+from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.draws.laws import Arcsine, Disc, Lognormal, Normal, TwoPoint, Uniform
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet

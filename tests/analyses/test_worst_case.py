@@ -10,15 +10,10 @@ from scipy import stats
 
 import precision_pin as pp
 from outputs.test_figures import overlaps
+from precision_pin.analyses.supports import Supports
 from precision_pin.analyses.worst_case.figure import figure
 from precision_pin.analyses.worst_case.table import table
-from precision_pin.analyses.worst_case.worst_case import (
-    Supports,
-    bound_milli,
-    farthest,
-    farthest_error,
-    quadratic_bound,
-)
+from precision_pin.analyses.worst_case.worst_case import bound_milli, farthest, farthest_error, quadratic_bound
 from precision_pin.draws.laws import Law
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.joint_offset import JointOffset

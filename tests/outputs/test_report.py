@@ -34,8 +34,8 @@ from outputs.report_cases import (
 )
 from precision_pin.analyses.collect import CLOUD, collect_poses
 from precision_pin.analyses.map.figure import map_chapter
-from precision_pin.analyses.monte_carlo.section import distributions, specifications, verdict
 from precision_pin.model.pose_model import origin_shares
+from precision_pin.pages.report.distributions import distributions, specifications, verdict
 from precision_pin.pages.report.page import _opened, assumptions, page, scene, without_folders
 from precision_pin.pages.report.summary import changes, picture, summary
 from precision_pin.pages.view import script_hashes

@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 import precision_pin as pp
-from precision_pin.analyses.monte_carlo import poses_table
 from precision_pin.base.errors import InputError, PrecisionPinWarning, UnknownNameError
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.laws import Empirical, Law, Lognormal, Normal, TwoPoint, Uniform
@@ -26,6 +25,7 @@ from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling.blocks import first_order_skewness, planned
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
+from precision_pin.sampling.table import poses_table
 from precision_pin.sources import JointOffset
 from precision_pin.sources.backlash import Backlash
 from precision_pin.statistics import QUANTITIES, Specification, SpecificationResult, quantile_ranks, quantity_values

@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 from scipy.special import gammaincinv
 
-from precision_pin.analyses.monte_carlo import statistic, tolerance_bounds
 from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.sampling.table import statistic, tolerance_bounds
 from precision_pin.statistics import (
     QUANTITIES,
     Distribution,

@@ -14,8 +14,7 @@ from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 
-from precision_pin.analyses.budget.budget_result import DrawShare, Estimate, Group, PoseBudget
-from precision_pin.analyses.monte_carlo import statistic as terminal_statistic
+from precision_pin.analyses.budget.budget_result import DrawShare, Group, PoseBudget
 from precision_pin.analyses.provenance import Pose
 from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.result import Result
@@ -31,9 +30,10 @@ from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sampling.table import statistic as terminal_statistic
 from precision_pin.sheet import Sheet
 from precision_pin.statistics import Distribution, Specification
-from precision_pin.statistics.intervals import format_interval
+from precision_pin.statistics.intervals import Estimate, format_interval
 
 Found = TypeVar("Found")
 Step = Callable[[str, int], AbstractContextManager[Progress]]

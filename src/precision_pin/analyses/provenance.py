@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base.arguments import check_instance, check_items
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.versions import versions
 from precision_pin.draws.space import check_seed
@@ -18,6 +19,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
 from precision_pin.render.tables import origins_entry
 from precision_pin.robot.configurations import ApproachedPose, approach_entry, written_approach
+from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, check_progress
 from precision_pin.statistics.intervals import check_confidence
 
@@ -155,3 +157,30 @@ def check_request(
     """Check the arguments of an analysis at poses, ``(poses, q, pose)`` being synonyms; return poses and findings."""
     known = check_common(error_model, **common)
     return listed_poses(*poses), known
+
+
+PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
+
+
+def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
+    """Return poses given in any form as a pose set.
+
+    Raises:
+        InputError: Wrong joint values, or a pose set of another number of joints.
+        UnknownNameError: No such pose or joint.
+    """
+    if isinstance(poses, PoseSet):
+        if len(poses.q) != len(error_model.chain.joints):
+            raise InputError(
+                f"the pose set has {len(poses.q)} joints, the chain has {len(error_model.chain.joints)}; make it for this chain"
+            )
+        return poses
+    values, names = error_model.configurations(poses)
+    return replace(PoseSet.at(error_model.chain, values, names), approaches=error_model.approaches_of(poses, values))
+
+
+def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
+    """Return the poses of a set as the model takes them, each with its approach if it has one."""
+    if poses.approaches is None:
+        return list(poses.q.T)
+    return [ApproachedPose(*one) for one in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]

@@ -11,10 +11,11 @@ from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.analyses.registry import declarations
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Keys, Record
-from precision_pin.base.errors import Finding, UnknownNameError
+from precision_pin.base.errors import Finding, UnknownNameError, shown, visible
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import MOST_POSES, UNITS, data_frame, dataset, joint_text, pose_labels
+from precision_pin.sampling.table import pose_text
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -216,3 +217,18 @@ def name_pose(pose: PoseLabel) -> str:
 def list_warnings(findings: Iterable[Finding], found: Iterable[str]) -> tuple[str, ...]:
     """Return findings and further warnings as lines without repetitions."""
     return tuple(dict.fromkeys((*map(str, findings), *found)))
+
+
+def subject(provenance: Provenance, pose: PoseLabel) -> str:
+    """Return the arm, the ends of its chain and the pose of a result."""
+    where = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
+    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
+
+
+def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Sequence[str]) -> str:
+    """Return the sentence for the pose with the largest size, with its name if there are several."""
+    worst = max(range(len(sizes)), key=sizes.__getitem__)
+    if len(labels) == 1:
+        return sentences[worst]
+    name = shown(labels[worst].name) if labels[worst].name else str(worst + 1)
+    return f"worst pose, {name}: {sentences[worst]}"

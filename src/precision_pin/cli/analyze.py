@@ -65,11 +65,11 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
     depend on what samples it: threads, processes or a cluster, at one go or resumed.
     """
-    from precision_pin.analyses.monte_carlo import analysis_table
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sampling import check_samples, monte_carlo
     from precision_pin.sampling.one_pose import relative
+    from precision_pin.sampling.table import analysis_table
     from precision_pin.statistics.plan import specification
     from precision_pin.statistics.precision import target
 
@@ -145,8 +145,8 @@ def _analyze_poses(
     arm: shared.Options,
 ) -> int:
     """Sample at several poses, print and write the result; returns the exit code."""
-    from precision_pin.analyses.monte_carlo import poses_table
     from precision_pin.sampling.many_poses import sample_poses
+    from precision_pin.sampling.table import poses_table
 
     compile_sampler(error_model.space, arm["model"])
     found = _find(error_model, poses, arm["model"])

@@ -119,10 +119,10 @@ def mcpc(as_json: bool, **arm: Any) -> None:
 
     Without arguments: the paper's arm.
     """
-    from precision_pin.analyses.monte_carlo import mcpc_table
     from precision_pin.robot import urdf
     from precision_pin.robot.chain import Chain, chain_findings
     from precision_pin.robot.mcpc import from_chain
+    from precision_pin.sampling.table import mcpc_table
 
     found = find_inputs(arm["inputs"], sheet_needed=False)
     if found.sheet is not None:

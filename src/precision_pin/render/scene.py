@@ -264,3 +264,8 @@ def _turned(profile: Array) -> tuple[Array, Array]:
         faces += [np.stack([low + here, low + after, high + after], axis=1)]
         faces += [np.stack([low + here, high + after, high + here], axis=1)]
     return np.concatenate(rings), np.concatenate(faces)
+
+
+def rounded(values: Array) -> list[float]:
+    """Return seven digits of each number, enough for the page."""
+    return [float(f"{value:.7g}") for value in values]

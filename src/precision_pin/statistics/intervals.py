@@ -7,7 +7,7 @@ from bisect import bisect_left
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from functools import cached_property, lru_cache
-from typing import Final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -341,3 +341,22 @@ def _last_place(value: float, half_width: float, most: int) -> int:
     supported = math.ceil(math.log10(half_width / 5)) if half_width > 0 else -math.inf
     shown = _leading_place(value) - most + 1 if value != 0 else -math.inf
     return int(max(supported, shown))
+
+
+@final
+@dataclass(frozen=True)
+class Estimate:
+    """Sampled number with its interval."""
+
+    value: float
+    interval: tuple[float, float]
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the interval."""
+        return (self.interval[1] - self.interval[0]) / 2
+
+
+def bound_text(bound: float) -> str:
+    """Return a bound with one digit, rounded up."""
+    return "0" if bound <= 0 else f"{round_end(bound, 1, up=True):.0e}"

@@ -33,9 +33,9 @@ from precision_pin.analyses.allocation.tolerances import (
     contributions,
     in_deviations,
 )
-from precision_pin.analyses.budget.shares import by_draw, reaches
 from precision_pin.analyses.provenance import Provenance, check_common
 from precision_pin.analyses.result import AnalysisResult
+from precision_pin.analyses.shares import by_draw, reaches
 from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end

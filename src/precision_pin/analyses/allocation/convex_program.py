@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from precision_pin.analyses import first_order
 from precision_pin.analyses.allocation.tolerances import Cost, Grades
-from precision_pin.analyses.map import first_order
 from precision_pin.base.arrays import Array, Fixed, Record, read_only
 
 ROUNDING: Final = 1e-9

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.worst_case.worst_case import Supports
+from precision_pin.analyses.supports import Supports
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array, Fixed

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from precision_pin.analyses import shares as closed_form
 from precision_pin.analyses.budget import budget_result
-from precision_pin.analyses.budget import shares as closed_form
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, half_widths, jackknife, law_breaks
 from precision_pin.analyses.result import list_warnings
@@ -40,6 +40,7 @@ from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, quantity_values
+from precision_pin.statistics.intervals import Estimate
 from precision_pin.statistics.plan import QUANTITY_WORDS
 
 MARKED: Final = 0.95
@@ -48,12 +49,12 @@ MARKED: Final = 0.95
 
 NORMS: Final = tuple(QUANTITIES[row] for row in NORM_ROWS)
 
-SAMPLED: Final = (*budget_result.VECTORS, *QUANTITIES)
-_NOTHING: Final = budget_result.Estimate(0.0, (0.0, 0.0))
+SAMPLED: Final = (*closed_form.VECTORS, *QUANTITIES)
+_NOTHING: Final = Estimate(0.0, (0.0, 0.0))
 _TOGETHER: Final = np.array(
     [
         [float(quantity in closed_form.COMPONENTS and quantity.startswith(vector)) for quantity in QUANTITIES]
-        for vector in budget_result.VECTORS
+        for vector in closed_form.VECTORS
     ]
     + [[float(quantity == other) for other in QUANTITIES] for quantity in QUANTITIES]
 )
@@ -167,12 +168,12 @@ class SampledBudget:
             one: budget_result.Sums(closed.get(one), first[one], deviations.get(one), variance[one]) for one in SAMPLED
         }
 
-    def _row(self, estimates: Estimates, group: int) -> dict[str, budget_result.Estimate | None]:
+    def _row(self, estimates: Estimates, group: int) -> dict[str, Estimate | None]:
         k = self.sampled.index(group)
         return _by_quantity(Estimates(estimates.value[k], estimates.half_width[k], estimates.replicate_variance[k]))
 
 
-def _differs(closed: float | None, first: budget_result.Estimate | None, total: budget_result.Estimate | None) -> bool:
+def _differs(closed: float | None, first: Estimate | None, total: Estimate | None) -> bool:
     if first is None or total is None:
         return False
     shares = 0.0 if closed is None else closed
@@ -181,15 +182,15 @@ def _differs(closed: float | None, first: budget_result.Estimate | None, total: 
     return any(abs(index.value - shares) > 0.01 + index.half_width for index in (first, total))
 
 
-def _by_quantity(estimates: Estimates) -> dict[str, budget_result.Estimate | None]:
+def _by_quantity(estimates: Estimates) -> dict[str, Estimate | None]:
     return dict(zip(SAMPLED, _estimates(estimates), strict=True))
 
 
-def _estimates(estimates: Estimates) -> list[budget_result.Estimate | None]:
+def _estimates(estimates: Estimates) -> list[Estimate | None]:
     return [
         None
         if np.isnan(value) or np.isnan(half)
-        else budget_result.Estimate(float(value), (float(value - half), float(value + half)))
+        else Estimate(float(value), (float(value - half), float(value + half)))
         for value, half in zip(estimates.value, estimates.half_width, strict=True)
     ]
 

@@ -5,38 +5,20 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, final
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from precision_pin.analyses.provenance import PoseLabel
 from precision_pin.analyses.result import Result, name_pose
+from precision_pin.analyses.shares import VECTORS, Shares, SourceShare
 from precision_pin.base.arrays import Keys
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.render.html import Table
 from precision_pin.render.tables import data_frame, interval_columns, number, plus_minus
 from precision_pin.statistics import QUANTITIES
+from precision_pin.statistics.intervals import Estimate
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
-
-VECTORS: Final = ("position", "attitude")
-"""Vectors as quantities: their variance is E|d - E d|², the trace of the covariance."""
-
-Shares = Mapping[str, float | None]
-"""Shares by quantity: position, attitude, position.x … attitude.z; None where the quantity does not vary."""
-
-
-@final
-@dataclass(frozen=True)
-class Estimate:
-    """Sampled number with its interval."""
-
-    value: float
-    interval: tuple[float, float]
-
-    @property
-    def half_width(self) -> float:
-        """Half the width of the interval."""
-        return (self.interval[1] - self.interval[0]) / 2
 
 
 @dataclass(frozen=True)
@@ -95,16 +77,6 @@ class Group:
     first: Mapping[str, Estimate | None]
     total: Mapping[str, Estimate | None]
     nonlinear: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SourceShare:
-    """Share of a source's own draws, of one draw that several sources (or none) use, or of a part of a joint draw."""
-
-    name: str
-    sources: tuple[str, ...]
-    draws: tuple[str, ...]
-    share: Shares
 
 
 @dataclass(frozen=True)

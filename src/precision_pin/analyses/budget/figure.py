@@ -11,14 +11,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-from precision_pin.analyses.budget.budget_result import VECTORS, BudgetResult, Estimate, PoseBudget, Shares, scaled
+from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget, scaled
 from precision_pin.analyses.budget.table import source_name
 from precision_pin.analyses.collect import MISSING, Cause, CauseShare, Results, percent, rank_causes, shown
+from precision_pin.analyses.shares import VECTORS, Shares
 from precision_pin.base.errors import shortened
 from precision_pin.render.draw_distribution import BLACK, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, inline_figure, new_figure, style
 from precision_pin.render.html import Child, Html, beside, element, items, joined, paragraph, table
 from precision_pin.render.tables import milli, quantity_label, unit
+from precision_pin.statistics.intervals import Estimate
 
 _NAMED: Final = 5
 # causes with a smaller share of the variance are folded

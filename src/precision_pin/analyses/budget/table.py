@@ -8,17 +8,9 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from precision_pin.analyses.budget.budget import check_quantities
-from precision_pin.analyses.budget.budget_result import (
-    VECTORS,
-    BudgetResult,
-    DrawShare,
-    Group,
-    PoseBudget,
-    Shares,
-    SourceShare,
-    scaled,
-)
-from precision_pin.analyses.monte_carlo import answer_of, subject
+from precision_pin.analyses.budget.budget_result import BudgetResult, DrawShare, Group, PoseBudget, scaled
+from precision_pin.analyses.result import answer_of, subject
+from precision_pin.analyses.shares import VECTORS, Shares, SourceShare
 from precision_pin.base.errors import shortened
 from precision_pin.render.tables import percent, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned

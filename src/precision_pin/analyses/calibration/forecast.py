@@ -20,7 +20,7 @@ from scipy import special
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, repeat_covariance
 from precision_pin.analyses.calibration.fit import LEVEL, Problem
-from precision_pin.analyses.exact_law.number_law import NormalNorm
+from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3

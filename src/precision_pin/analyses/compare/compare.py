@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from precision_pin.analyses.budget.shares import source_lines
-from precision_pin.analyses.map.first_order import first_order
-from precision_pin.analyses.monte_carlo import demanded, verdict_line
+from precision_pin.analyses.first_order import first_order
 from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, listed_poses
 from precision_pin.analyses.result import Outcome
+from precision_pin.analyses.shares import source_lines
 from precision_pin.base.arguments import check_instance, check_items, check_memory, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, shortened, shown, visible, warns_at_end
@@ -33,6 +32,7 @@ from precision_pin.render.text_table import aligned
 from precision_pin.sampling import Progress, check_progress, monte_carlo
 from precision_pin.sampling.blocks import first_order_skewness
 from precision_pin.sampling.result import MonteCarloResult
+from precision_pin.sampling.table import demanded, verdict_line
 from precision_pin.sheet.reader import SheetDifference, sheet_differences
 from precision_pin.statistics import (
     COMPONENTS,

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.analyses.budget.shares import source_lines
-from precision_pin.analyses.map.first_order import first_order, norm_quantiles, principal_axes
-from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
-from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.first_order import first_order, norm_quantiles, principal_axes
+from precision_pin.analyses.provenance import PosesGiven, Provenance, approached, pose_set
 from precision_pin.analyses.result import AnalysisResult, list_warnings
+from precision_pin.analyses.shares import source_lines
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
 from precision_pin.base.arrays import Array, Fixed, Keys

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.analyses.compensation.table import EXPLANATION, headline, joint_rows, pose_rows, setting_lines
-from precision_pin.analyses.path.figure import mark_poses, rounded
+from precision_pin.analyses.pose_axis import mark_poses
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
@@ -23,7 +23,7 @@ from precision_pin.render.display_units import WrittenUnit, round_number
 from precision_pin.render.draw_distribution import BLUE, VERMILION
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import escaped, items, paragraph, section, table
-from precision_pin.render.scene import Chapter, Scene
+from precision_pin.render.scene import Chapter, Scene, rounded
 from precision_pin.render.tables import symbol
 from precision_pin.robot.chain import Posture
 

@@ -1,7 +1,7 @@
 """Exact law of the first-order model, including the tails, without sampling.
 
 A component of the tangent model ``e0 + J (x - mean)`` is a sum of independent numbers, one for each draw; its law
-follows from their characteristic functions (:mod:`precision_pin.analyses.exact_law.number_law`).
+follows from their characteristic functions (:mod:`precision_pin.analyses.number_law`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.exact_law import number_law
-from precision_pin.analyses.monte_carlo import answer_of, subject
+from precision_pin.analyses import number_law
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
-from precision_pin.analyses.result import Result, list_warnings, name_pose
+from precision_pin.analyses.result import Result, answer_of, list_warnings, name_pose, subject
 from precision_pin.base.arguments import check_memory, check_whole
 from precision_pin.base.arrays import Array, Keys, Record, encode
 from precision_pin.base.errors import Finding, InputError, add, one_line, warns_at_end
@@ -34,7 +33,7 @@ from precision_pin.render.tables import MOST_POSES, ROUNDING, milli, number, sym
 from precision_pin.render.text_table import aligned
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values
-from precision_pin.statistics.intervals import round_end
+from precision_pin.statistics.intervals import bound_text
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -236,11 +235,6 @@ def _cells(law: ExactLaw) -> list[str]:
 def missing(laws: Iterable[ExactLaw]) -> list[str]:
     """Return a line for each law that is not available, with the reason."""
     return [f"{symbol(law.quantity)}: {law.reason}" for law in laws if law.law is None]
-
-
-def bound_text(bound: float) -> str:
-    """Return a bound with one digit, rounded up."""
-    return "0" if bound <= 0 else f"{round_end(bound, 1, up=True):.0e}"
 
 
 def quantile_digits(value: float, error: float, digits: int) -> int:

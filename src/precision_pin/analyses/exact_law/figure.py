@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.budget.budget_result import VECTORS
 from precision_pin.analyses.collect import MISSING, Results
 from precision_pin.analyses.exact_law.exact_law import (
     LEVELS,
@@ -20,6 +19,7 @@ from precision_pin.analyses.exact_law.exact_law import (
     method_rows,
     missing,
 )
+from precision_pin.analyses.shares import VECTORS
 from precision_pin.base.errors import one_line
 from precision_pin.render.draw_distribution import BLUE, SKY, VERMILION, ticks
 from precision_pin.render.figure_style import (

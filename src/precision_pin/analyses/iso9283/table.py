@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, FigureLaw, Iso9283Result
-from precision_pin.analyses.monte_carlo import verdict_line
 from precision_pin.base.errors import shown, visible
 from precision_pin.render.tables import ROUNDING, milli, plain, resting_on
 from precision_pin.render.text_table import aligned
+from precision_pin.sampling.table import verdict_line
 from precision_pin.statistics import SpecificationResult, format_inside
 from precision_pin.statistics.intervals import format_interval
 

@@ -10,8 +10,8 @@ def prepare(asked: Asked) -> Job:
     """Return the map of the poses of a command line."""
     poses, options = asked.read_pose_set(), asked.options
     # imported late: these take as long as all other imports, and reading a large file should start early
-    from precision_pin.analyses.budget.shares import source_lines
     from precision_pin.analyses.map.map_poses import check_json, count_steps, map_poses
+    from precision_pin.analyses.shares import source_lines
     from precision_pin.model.error_model import ErrorModel
 
     model = ErrorModel.from_sheet(asked.sheet)

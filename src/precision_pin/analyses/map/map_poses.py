@@ -9,11 +9,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.analyses.budget.shares import source_lines
-from precision_pin.analyses.map.first_order import (
+from precision_pin.analyses.first_order import (
     FirstOrder,
     first_order,
     norm_probabilities,
@@ -21,8 +20,9 @@ from precision_pin.analyses.map.first_order import (
     principal_axes,
 )
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, MapVerdict, Sampled, map_verdicts
-from precision_pin.analyses.provenance import Pose, Provenance, check_common
+from precision_pin.analyses.provenance import Pose, PosesGiven, Provenance, approached, check_common, pose_set
 from precision_pin.analyses.result import AnalysisResult
+from precision_pin.analyses.shares import source_lines
 from precision_pin.base.arguments import check_memory, check_path, check_whole
 from precision_pin.base.arrays import Array, Fixed, Keys
 from precision_pin.base.errors import Finding, InputError, add, unheard, warns_at_end
@@ -35,7 +35,6 @@ from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import LARGEST_FILE
 from precision_pin.render.tables import data_frame, described, milli, optional, percent
 from precision_pin.robot.chain import pose_findings
-from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
@@ -443,8 +442,6 @@ _DOUBTED: Final = 0.1
 # poses whose quantiles and bounds are computed between two progress steps
 _AT_ONCE: Final = 2048
 
-PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
-
 
 @warns_at_end
 def map_poses(
@@ -589,30 +586,6 @@ def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = 
         return poses + poses * samples
     judging = len(ROUNDS) * FIRST_ROUND * poses if judged and verify > 0 else 0
     return poses + judging + min(max(verify, 0), poses) * VERIFYING_SAMPLES
-
-
-def pose_set(error_model: ErrorModel, poses: PosesGiven) -> PoseSet:
-    """Return poses given in any form as a pose set.
-
-    Raises:
-        InputError: Wrong joint values, or a pose set of another number of joints.
-        UnknownNameError: No such pose or joint.
-    """
-    if isinstance(poses, PoseSet):
-        if len(poses.q) != len(error_model.chain.joints):
-            raise InputError(
-                f"the pose set has {len(poses.q)} joints, the chain has {len(error_model.chain.joints)}; make it for this chain"
-            )
-        return poses
-    values, names = error_model.configurations(poses)
-    return replace(PoseSet.at(error_model.chain, values, names), approaches=error_model.approaches_of(poses, values))
-
-
-def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
-    """Return the poses of a set as the model takes them, each with its approach if it has one."""
-    if poses.approaches is None:
-        return list(poses.q.T)
-    return [ApproachedPose(*one) for one in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]
 
 
 def _closed_form(

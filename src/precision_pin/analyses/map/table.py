@@ -8,12 +8,12 @@ import numpy as np
 
 from precision_pin.analyses.map.map_poses import MapResult
 from precision_pin.analyses.map.map_verdicts import MapVerdict
-from precision_pin.analyses.monte_carlo import demanded
 from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on
 from precision_pin.render.text_table import aligned
 from precision_pin.robot.pose_set import OBSTRUCTED
 from precision_pin.sampling.poses_result import LEVELS
+from precision_pin.sampling.table import demanded
 from precision_pin.statistics import format_share
 from precision_pin.statistics.intervals import format_interval
 

@@ -42,10 +42,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.moments.moments_control import STEP, Control, ErrorAround, Uncorrelated, thin
-from precision_pin.analyses.monte_carlo import answer_of, subject
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, jackknife, law_breaks
-from precision_pin.analyses.result import Result, list_warnings, name_pose
+from precision_pin.analyses.result import Result, answer_of, list_warnings, name_pose, subject
 from precision_pin.base.arguments import check_name, shown
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end

@@ -8,7 +8,6 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from precision_pin.analyses.path.path_law import PathResult
 from precision_pin.analyses.path.table import (
@@ -20,17 +19,15 @@ from precision_pin.analyses.path.table import (
     verdict_lines,
     where_line,
 )
-from precision_pin.base.arrays import Array
+from precision_pin.analyses.pose_axis import mark_poses
 from precision_pin.base.errors import visible
 from precision_pin.render.display_units import ColourScale, WrittenUnit, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY
-from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, style
 from precision_pin.render.html import escaped, items, paragraph, section, table
-from precision_pin.render.scene import Chapter, Scene
+from precision_pin.render.scene import Chapter, Scene, rounded
 from precision_pin.render.tables import symbol
-from precision_pin.robot.pose_set import PoseSet
 
-_MOST_NAMED: Final = 12
 _MOST_LETTERS: Final = 16
 _MOST_LEVEL: Final = 36
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
@@ -79,25 +76,6 @@ def _draw(axes: Axes, result: PathResult, norm: int) -> None:
     # room for the markers of single poses
     room = 0.03 * float(np.ptp(places)) if marker else 0.0
     axes.set_xlim(float(places.min()) - room, (float(places.max()) + room) if np.ptp(places) > 0 else None)
-
-
-def mark_poses(axes: Axes, poses: PoseSet, most_letters: int, most_level: int) -> tuple[Array, str]:
-    """Label the axis of poses by time, name or order; return the place of each pose, and the marker of its values.
-
-    Names are cut to ``most_letters``, and turned where all together have more than ``most_level`` letters.
-    """
-    places = np.arange(1.0, len(poses) + 1) if poses.times is None else poses.times
-    is_named = len(places) <= _MOST_NAMED
-    if poses.times is not None:
-        axes.set_xlabel("time [s]")
-    elif is_named:
-        labels = [shortened(visible(label), most_letters) for label in poses.labels]
-        turned = sum(map(len, labels)) > most_level
-        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
-    else:
-        axes.set_xlabel("pose, in the order given")
-        axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
-    return places, "o" if is_named else ""
 
 
 def path_chapter(result: PathResult) -> Chapter:
@@ -179,8 +157,3 @@ class PathLayer:
             f'<i class="line"></i><span>{escaped(words)}</span></label></li></ul>'
             '<p class="fine">The radii of the tubes are drawn at <span id="path-times"></span> times their size.</p></section>'
         )
-
-
-def rounded(values: Array) -> list[float]:
-    """Return seven digits of each number, enough for the page."""
-    return [float(f"{value:.7g}") for value in values]

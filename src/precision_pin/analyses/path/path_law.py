@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.map.map_poses import PosesGiven, approached, pose_set
-from precision_pin.analyses.provenance import Provenance, check_common
+from precision_pin.analyses.provenance import PosesGiven, Provenance, approached, check_common, pose_set
 from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_memory, check_number, check_whole

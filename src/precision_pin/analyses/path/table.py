@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from precision_pin.analyses.monte_carlo import demanded, verdict_line
 from precision_pin.analyses.path.path_law import PathResult
 from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol
 from precision_pin.render.text_table import aligned
+from precision_pin.sampling.table import demanded, verdict_line
 from precision_pin.statistics import format_inside, format_share
 from precision_pin.statistics.intervals import format_interval, round_end
 

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from precision_pin.analyses.collect import Results, sum_by_cause
-from precision_pin.analyses.monte_carlo import demanded
 from precision_pin.analyses.reliability.estimates import in_words
 from precision_pin.analyses.reliability.reliability import ReliabilityResult, SpecificationReliability
 from precision_pin.base.errors import InputError
@@ -19,6 +18,7 @@ from precision_pin.render import figure_style
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
 from precision_pin.render.html import Child, Html, items, paragraph, table
 from precision_pin.render.tables import absolute, percent, unit
+from precision_pin.sampling.table import demanded
 
 LISTED: Final = 6
 _LONGEST_NAME: Final = 38

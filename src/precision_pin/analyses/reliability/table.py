@@ -8,11 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.monte_carlo import NOTHING_VARIES, demanded, subject
 from precision_pin.analyses.reliability.estimates import SAMPLING, in_words, rounded
 from precision_pin.analyses.reliability.reliability import ReliabilityResult, SpecificationReliability
+from precision_pin.analyses.result import subject
 from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import aligned
+from precision_pin.sampling.table import NOTHING_VARIES, demanded
 
 LISTED: Final = 6
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from precision_pin.analyses.exact_law.exact_law import bound_text
-from precision_pin.analyses.monte_carlo import answer_of, statistic, subject
+from precision_pin.analyses.result import answer_of, subject
 from precision_pin.analyses.worst_case.worst_case import (
     SEEN_LEVEL,
     NormBound,
@@ -16,6 +15,8 @@ from precision_pin.analyses.worst_case.worst_case import (
 )
 from precision_pin.render.tables import ROUNDING, milli, symbol, unit
 from precision_pin.render.text_table import aligned
+from precision_pin.sampling.table import statistic
+from precision_pin.statistics.intervals import bound_text
 
 LISTED: Final = 8
 """Number of draws listed by name, largest contributions first; the rest is one line."""

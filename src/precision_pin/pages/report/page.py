@@ -10,12 +10,11 @@ import shlex
 from collections.abc import Iterable, Sequence
 
 from precision_pin.analyses.collect import Missing, Results
-from precision_pin.analyses.monte_carlo import pose_text
-from precision_pin.analyses.monte_carlo.section import describe_verdict, distributions, specifications
 from precision_pin.analyses.registry import declarations
 from precision_pin.base.units import Quantity
 from precision_pin.base.versions import versions
 from precision_pin.pages import view
+from precision_pin.pages.report.distributions import describe_verdict, distributions, specifications
 from precision_pin.pages.report.summary import name_pose, picture, summary
 from precision_pin.render.html import (
     Child,
@@ -31,6 +30,7 @@ from precision_pin.render.html import (
 )
 from precision_pin.render.scene import Chapter, Layer
 from precision_pin.render.tables import milli, plain, resting_on
+from precision_pin.sampling.table import pose_text
 
 
 def subject(results: Results) -> str:

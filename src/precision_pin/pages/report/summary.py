@@ -11,8 +11,8 @@ import numpy as np
 
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
 from precision_pin.analyses.collect import MISSING, CauseShare, Results, milli_interval, percent, rank_causes, statistic
-from precision_pin.analyses.monte_carlo.section import describe_verdict, specifications, verdict
 from precision_pin.base.arrays import Array
+from precision_pin.pages.report.distributions import describe_verdict, specifications, verdict
 from precision_pin.pages.view.drawing import Cloud, draw_picture
 from precision_pin.pages.view.headline import quantile, values_of
 from precision_pin.pages.view.scales import middle_of

@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.analyses.budget.shares import by_key, moved_link
+from precision_pin.analyses.shares import by_key, moved_link
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError

@@ -15,7 +15,6 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from precision_pin.analyses.budget.budget_result import VECTORS, Shares, SourceShare
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw
@@ -34,6 +33,24 @@ ROUNDING: Final = 1e-14
 """Largest spread (m, rad) that counts as rounding."""
 
 COMPONENTS: Final = tuple(QUANTITIES[row] for row in COMPONENT_ROWS)
+
+
+VECTORS: Final = ("position", "attitude")
+"""Vectors as quantities: their variance is E|d - E d|², the trace of the covariance."""
+
+
+Shares = Mapping[str, float | None]
+"""Shares by quantity: position, attitude, position.x … attitude.z; None where the quantity does not vary."""
+
+
+@dataclass(frozen=True)
+class SourceShare:
+    """Share of a source's own draws, of one draw that several sources (or none) use, or of a part of a joint draw."""
+
+    name: str
+    sources: tuple[str, ...]
+    draws: tuple[str, ...]
+    share: Shares
 
 
 def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:

@@ -1,4 +1,4 @@
-"""Tables, verdict and report section of the sampled law."""
+"""Tables and verdicts of the sampled law for a terminal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,10 +20,6 @@ from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.statistics.intervals import format_interval
-
-if TYPE_CHECKING:
-    from precision_pin.analyses.provenance import PoseLabel, Provenance
-
 
 NOTHING_VARIES: Final = "no source of the sheet makes it vary at this pose, so no tolerance was tried"
 """Reason why there is nothing to judge."""
@@ -129,21 +125,6 @@ def pose_text(
         is_named=is_named,
     )
     return f"{shown(name)} ({values})" if name else f"({values})"
-
-
-def subject(provenance: Provenance, pose: PoseLabel) -> str:
-    """Return the arm, the ends of its chain and the pose of a result."""
-    where = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
-    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
-
-
-def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Sequence[str]) -> str:
-    """Return the sentence for the pose with the largest size, with its name if there are several."""
-    worst = max(range(len(sizes)), key=sizes.__getitem__)
-    if len(labels) == 1:
-        return sentences[worst]
-    name = shown(labels[worst].name) if labels[worst].name else str(worst + 1)
-    return f"worst pose, {name}: {sentences[worst]}"
 
 
 def _statistics(analysis: MonteCarloResult, columns: Sequence[str | float]) -> list[list[str]]:

@@ -25,7 +25,7 @@ for others (O'Donnell, Analysis of Boolean Functions, 10.2). Squares, third orde
 and Minkowski's inequalities with the eighth moments; what products and formulas add beyond first order is estimated
 from drawn robots. By Markov's inequality |r| exceeds ``‖r‖₄ η^(-1/4)`` with a probability of at most η.
 
-Lengths of many normal vectors at once: :class:`precision_pin.analyses.exact_law.number_law.NormalNorm` computes the
+Lengths of many normal vectors at once: :class:`precision_pin.analyses.number_law.NormalNorm` computes the
 same law for one vector to twelve digits; a map needs it for thousands. With λ and m the variances and means along the
 principal axes, ``Q = |v|²`` has the cumulant generating function ``K(t) = Σ [m² t/(1 - 2λt) - ln(1 - 2λt)/2]``, and
 ``P(Q > x) = 1/(2πi) ∫ exp(K(t) - t x)/t dt`` on a path that crosses the real axis between 0 and 1/(2 max λ); crossing
@@ -46,7 +46,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from precision_pin.analyses.budget.shares import SourceLine
+from precision_pin.analyses.shares import SourceLine
 from precision_pin.base.arguments import check_instance, check_memory
 from precision_pin.base.arrays import Array, Fixed, field_names
 from precision_pin.base.errors import add, warns_at_end

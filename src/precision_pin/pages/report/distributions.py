@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from precision_pin.analyses.collect import MISSING, Results, bracketed, milli_interval, shown, statistic
-from precision_pin.analyses.monte_carlo import NOTHING_VARIES, tolerance_bounds
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, element, joined, paragraph, section, table
 from precision_pin.render.tables import absolute, milli, quantity_label, symbol, unit
 from precision_pin.sampling import figures
+from precision_pin.sampling.table import NOTHING_VARIES, tolerance_bounds
 from precision_pin.statistics import Distribution, SpecificationResult, VectorDistribution, Verdict, format_share
 from precision_pin.statistics.distribution import COMPONENT_LEVELS, CONTENTS
 
