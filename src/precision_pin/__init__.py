@@ -141,5 +141,11 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+def sheet_keys() -> dict[str, str]:
+    """Return the keys of a sheet that analyses declare, with their descriptions."""
+    keys: dict[str, str] = importlib.import_module(f"{__name__}.analyses.registry").sheet_keys()
+    return keys
+
+
 def __dir__() -> list[str]:
     return sorted(__all__)

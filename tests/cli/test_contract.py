@@ -2,14 +2,12 @@
 
 import fnmatch
 
-import numpy as np
 import pytest
 
 import precision_pin as pp
 from precision_pin.analyses.registry import declarations
-from precision_pin.cli.analyses import analysis_of
+from precision_pin.cli.page_parts import read_parts
 from precision_pin.cli.program import load_command
-from precision_pin.robot.pose_set import PoseSet
 
 SHEET = "small.yaml"
 SHEET_TEXT = """precision-pin: 1
@@ -137,7 +135,10 @@ def test_the_result_is_printed_and_written_whole(run, one, folder, new_files, mo
 
 def test_what_a_page_shows_beside_the_arm_has_the_defaults_of_its_command(folder):
     sheet = pp.ErrorModel.load(SHEET).sheet
-    law = analysis_of("path", sheet, PoseSet.at(sheet.chain, np.array([[0.0, 0.1], [0.0, 0.2]])), seed=3)
+    (folder / "way.csv").write_text("y_axis [m], " + sheet.chain.joint_names[1] + " [rad]\n0, 0\n0.1, 0.2\n")
+    options = dict.fromkeys(one.part.option.argument for one in DECLARED if one.part is not None)
+    (part,) = read_parts(sheet, {**options, "path_file": "way.csv"}, seed=3)
+    law = part.run()
     assert (law.probability, law.samples, law.provenance.seed) == (0.95, 10_000, 3)
 
 

@@ -3,9 +3,11 @@
 import re
 from unittest.mock import Mock
 
+import click
 import pytest
 
 from cli.conftest import LONG
+from precision_pin.cli import report as report_command
 
 pytestmark = pytest.mark.slow
 ASKED = ("report", "gantry.errors.yaml", "--quiet", "--samples", "1000", "--out", "page.html")
@@ -43,6 +45,22 @@ def test_a_page_says_how_to_make_it_and_names_no_folder(run, folder, new_files):
     assert new_files() == {"page.html"}
 
 
+def test_the_command_on_a_page_has_every_option_that_was_given():
+    words = ["arm.urdf"]
+    for option in report_command.command.params:
+        if isinstance(option, click.Option) and option.expose_value:
+            kind, text = option.type, "." if option.name == "package_dirs" else "-1 deg, a b"
+            value = kind.choices[-1] if isinstance(kind, click.Choice) else "7" if kind is click.INT else text
+            for _ in range(2 if option.multiple else 1):
+                words += [option.opts[0]] if option.is_flag else [option.opts[0], value]
+    given = report_command.command.make_context("report", list(words))
+    with given:
+        printed = report_command._given()
+    again = report_command.command.make_context("report", ["arm.urdf", *printed])
+    assert again.params == {**given.params, "out": "report.html"}
+    assert None not in given.params.values()
+
+
 def test_a_page_that_cannot_be_drawn_leaves_the_old_one(run, folder, monkeypatch):
     (folder / "page.html").write_text("old", "utf-8")
     monkeypatch.setattr("precision_pin.pages.report.page.page", Mock(side_effect=KeyboardInterrupt))
@@ -56,7 +74,7 @@ def test_a_limit_missed_on_the_map_or_along_the_path_is_exit_code_1(refused, rep
     at = ("--spec", "y 120 um @ 99 %", "--q", f"y_axis: 0 m, {LONG}: 90 deg")
     page = report("--map", "grid.yaml", *at, "--full", code=1)
     assert "--map grid.yaml" in page
-    assert "--out report.html --full" in page
+    assert "--full --out report.html" in page
     assert "The specification is met, but not on the map" in page
     # all is open and nothing is kept from the printer, but for the view
     assert re.findall(r'<details class="fold"><summary><h2 id="(\w+)-heading', page) == ["view"]

@@ -333,9 +333,9 @@ def test_a_pose_without_a_correction_is_said(compensated):
     far[1] = model.chain.configurations.limits[1][1] + 0.1
     made = pp.compensate(model, far[:, None])
     assert made.correction.status == ("limit",)
-    chapter = compensation_chapter(made, model)
+    chapter = compensation_chapter(made)
     assert chapter.answers == ("Compensation: no pose has a correction: limit",)
-    assert chapter.layer.settings(1.0)["lines"] == []
+    assert CompensationLayer.of(made, model).settings(1.0)["lines"] == []
 
 
 AWAY = np.array([1.0, 2.0, 3.0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -14,7 +13,6 @@ from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 
-from precision_pin.analyses.budget.budget_result import DrawShare, Group, PoseBudget
 from precision_pin.analyses.provenance import Pose
 from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.result import Result
@@ -82,6 +80,15 @@ class Results:
     def causes(self) -> tuple[Cause, ...]:
         """Causes of the error in words, with their tolerances."""
         return find_causes(self.model)
+
+    def rank_causes(self, vector: str) -> list[CauseShare]:
+        """Return the causes with their shares in the variance of a vector, the largest first; empty if unknown."""
+        for name, result in self.found.items():
+            place = declarations()[name].causes
+            if place and not isinstance(result, Missing):
+                ranked: list[CauseShare] = declarations()[name].output(place)(self.causes, result.poses[0], vector)
+                return ranked
+        return []
 
     def errors_with(self, most: int) -> Callable[[Iterable[Cause]], Array]:
         """Return a function from causes to the errors ``(6, n)`` of the first robots with these tolerances halved."""
@@ -338,14 +345,6 @@ def find_causes(model: ErrorModel) -> tuple[Cause, ...]:
     return tuple(_cause(members) for members in groups.values())
 
 
-def rank_causes(causes: Sequence[Cause], budget: PoseBudget, vector: str) -> list[CauseShare]:
-    """Return the shares of the variance of a vector, the largest first."""
-    lines = {line.name: line for line in budget.draws}
-    groups = {name: group for group in budget.groups for name in group.draws}
-    found = [_share(cause, lines, groups, budget, vector) for cause in causes]
-    return sorted(found, key=lambda one: -round(one.rank, 9))
-
-
 def _cause(members: Sequence[tuple[Draw, str]]) -> Cause:
     draw, words = members[0]
     parts = tuple(Part(draw.name, words) for draw, words in members)
@@ -353,22 +352,6 @@ def _cause(members: Sequence[tuple[Draw, str]]) -> Cause:
     stems = {text.rpartition(",")[0] for _, text in members}
     name = stems.pop() if len(members) > 1 and len(stems) == 1 else ""
     return Cause(name or words, draw.tolerance, draw.scope.value, parts)
-
-
-def _share(
-    cause: Cause, lines: Mapping[str, DrawShare], groups: Mapping[str, Group], budget: PoseBudget, vector: str
-) -> CauseShare:
-    of = [lines[name] for name in cause.names]
-    free = all(len(groups[name].draws) == 1 for name in cause.names)
-    shares = [line.share.get(vector) for line in of]
-    share = None if None in shares else math.fsum(value for value in shares if value is not None)
-    if len(of) == 1:
-        group = groups[cause.names[0]]
-        first, total = (group.first[vector], group.total[vector]) if free else (None, None)
-        return CauseShare(cause, share, of[0].halved.std.get(vector), first, total)
-    now = budget.sums[vector].std
-    halved = math.sqrt(max(0.0, 1 - 0.75 * share)) * now if free and share is not None and now is not None else None
-    return CauseShare(cause, share, halved, None, None)
 
 
 def sum_by_cause(causes: Sequence[Cause], values: Mapping[str, float]) -> list[tuple[str, float]]:

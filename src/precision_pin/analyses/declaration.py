@@ -37,6 +37,7 @@ class Option(NamedTuple):
     Attributes:
         flag: Name on the command line, such as ``--samples``.
         argument: Keyword argument of the function.
+        kind: Type of the value; :class:`pathlib.Path` for text that names a file.
         default: Default value, shown in the help unless it is None.
         metavar: Placeholder of the value in the help; optional for numbers and choices.
         choices: Allowed values; empty for any value.
@@ -136,6 +137,35 @@ class Job(NamedTuple):
     is_met: Callable[[Any], bool | None] = attrgetter("met")
 
 
+class PagePart(NamedTuple):
+    """What an analysis shows on a page beside the poses: a chapter of the report and a layer of the view.
+
+    Attributes:
+        option: Option of ``report`` that asks for it, and of ``view`` if it has a layer.
+        place: Place among the chapters, which stand in rising order.
+        poses: Poses of the analysis: ``"page"`` those of the page, ``"grid"`` or ``"path"`` those of the file that the
+            option names, as for ``--grid`` or also for ``--trajectory``; empty if it takes none.
+        settings: Returns values of the analysis's options for the value of this option; the others have their defaults.
+        check: Rejects a sheet that the analysis cannot use before any long work.
+        what: Label of the progress; by default that of the job.
+        is_first: True if the analysis runs before the poses are sampled.
+        chapter: ``module:function`` in the folder; takes the result, returns the :class:`precision_pin.render.scene.Chapter`.
+        layer: ``module:Class`` in the folder; its method ``of`` takes the result and the model.
+        missed: Where a specification is not met, such as ``"on the map"``; empty if the analysis judges none.
+    """
+
+    option: Option
+    place: int
+    chapter: str
+    layer: str = ""
+    poses: str = ""
+    settings: Callable[[Any], Mapping[str, Any]] = lambda value: {}
+    check: Callable[[Any], None] | None = None
+    what: str = ""
+    is_first: bool = False
+    missed: str = ""
+
+
 class Declaration(NamedTuple):
     """Declaration of an analysis.
 
@@ -164,6 +194,12 @@ class Declaration(NamedTuple):
         files: Patterns of the names of files in a folder.
         is_sampled: True if the command samples, so that compilation may start while the inputs are read.
         table_name: Name of the function in ``table``, or ``module:name`` in the folder.
+        part: Chapter of the report and layer of the view beside the poses.
+        causes: ``module:function`` in the folder that ranks the causes of the error for the report's first page; takes
+            the result of one pose, the causes and a vector.
+        keys: Keys of the sheet that belong to the analysis, with their descriptions.
+        check_sheet: ``module:function`` in the folder that returns what ``check`` finds in these keys of a sheet.
+        needs: Names of other analyses whose code it uses.
     """
 
     name: str
@@ -189,6 +225,11 @@ class Declaration(NamedTuple):
     files: tuple[str, ...] = ()
     is_sampled: bool = True
     table_name: str = "table"
+    part: PagePart | None = None
+    causes: str = ""
+    keys: Mapping[str, str] = {}
+    check_sheet: str = ""
+    needs: tuple[str, ...] = ()
 
     @property
     def own_options(self) -> list[Option]:
@@ -213,19 +254,23 @@ class Declaration(NamedTuple):
             return max(int(load(self.steps)(space, poses, **known)), 0)
         return max(int(known.get("samples") or 0) * poses, 0)
 
+    def output(self, place: str) -> Any:
+        """Import and return ``module:name`` of the folder."""
+        return load(f"{self.outputs}.{place}")
+
     def table(self, result: Any, **arguments: Any) -> str:
         """Return a result as text."""
         module, _, name = self.table_name.rpartition(":")
-        return load(f"{self.outputs}.{module or 'table'}:{name}")(result, **arguments)
+        return self.output(f"{module or 'table'}:{name}")(result, **arguments)
 
     def figure(self, result: Any, *pose: int) -> Any:
         """Return the figure of a result, or of its pose with the given index."""
-        return load(f"{self.outputs}.figure:figure")(result, *pose)
+        return self.output("figure:figure")(result, *pose)
 
     def draw(self, axes: Any, result: Any, pose: int, quantity: str) -> None:
         """Draw one panel, ``"position"`` or ``"attitude"``, of a result's figure on given axes."""
-        load(f"{self.outputs}.figure:draw")(axes, result, pose, quantity)
+        self.output("figure:draw")(axes, result, pose, quantity)
 
     def content(self, result: Any, results: Any) -> Any:
         """Return the parts of a result's section in a report."""
-        return load(f"{self.outputs}.figure:content")(result, results)
+        return self.output("figure:content")(result, results)

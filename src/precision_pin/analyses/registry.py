@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from precision_pin.analyses.declaration import Declaration, load
+from precision_pin.base.extensions import find_extensions
 
 FOLDERS: list[str] = [
     "precision_pin.analyses.budget",
@@ -25,12 +26,25 @@ FOLDERS: list[str] = [
 
 
 def declarations() -> dict[str, Declaration]:
-    """Return the declarations of all analyses by name."""
-    found: list[Declaration] = [import_module(folder).DECLARATION for folder in FOLDERS]
-    return {one.name: one for one in found}
+    """Return the declarations of all analyses by name: those of the package, then those that others install."""
+    listed = [import_module(folder).DECLARATION for folder in FOLDERS]
+    listed += [extension.value for extension in find_extensions("analyses", _check) if extension.value is not None]
+    return {declaration.name: declaration for declaration in listed}
+
+
+def _check(declaration: Any) -> str:
+    if not isinstance(declaration, Declaration):
+        return "it is no precision_pin.analyses.declaration.Declaration"
+    taken = declaration.name in (import_module(folder).DECLARATION.name for folder in FOLDERS)
+    return f"the name {declaration.name!r} is taken" if taken else ""
+
+
+def sheet_keys() -> dict[str, str]:
+    """Return the keys of a sheet that analyses declare, with their descriptions."""
+    return {key: text for declaration in declarations().values() for key, text in declaration.keys.items()}
 
 
 def find_function(name: str) -> Any:
     """Return the analysis function of this name, or ``None``."""
-    found = (one.function for one in declarations().values() if one.function.rpartition(":")[2] == name)
-    return next(map(load, found), None)
+    places = (declaration.function for declaration in declarations().values())
+    return next((load(place) for place in places if place.rpartition(":")[2] == name), None)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 from click.core import ParameterSource
 
 from precision_pin.analyses.declaration import OUTPUT, Asked, Declaration, Files, Job, Option, WrongUsageError, load
-from precision_pin.analyses.registry import declarations
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
@@ -24,8 +23,6 @@ from precision_pin.cli.terminal import ALL, echo_note, echo_result, echo_warning
 
 if TYPE_CHECKING:
     from precision_pin.analyses.result import Result
-    from precision_pin.robot.pose_set import PoseSet
-    from precision_pin.sheet import Sheet
 
 _SHARED: Final[dict[str, shared.Decorator]] = {
     "poses": shared.pose_options,
@@ -39,7 +36,9 @@ _SHARED: Final[dict[str, shared.Decorator]] = {
     "measurement": measurement_options,
     "json": shared.json_option,
     "out": shared.plots_option,
-    "plot": shared.output_option("--out", metavar="DIR", help="Write a plot (PNG and SVG) and the result there."),
+    "plot": shared.output_option(
+        "--out", type=shared.FILE, metavar="DIR", help="Write a plot (PNG and SVG) and the result there."
+    ),
     "messages": shared.together(shared.all_warnings_option, shared.quiet_option),
 }
 """Groups of options by the word that declares them."""
@@ -53,7 +52,7 @@ def make_command(declaration: Declaration) -> click.Command:
         return _run(declaration, options)
 
     for option in reversed(declaration.options):
-        command = (_SHARED[option] if isinstance(option, str) else _option(option))(command)
+        command = (_SHARED[option] if isinstance(option, str) else make_option(option))(command)
     if not any(option.argument == ALL for option in declaration.own_options):
         every = shared.output_option("--all", ALL, is_flag=True, help="Print all rows, however low the terminal is.")
         command = every(command)
@@ -65,13 +64,14 @@ def make_command(declaration: Declaration) -> click.Command:
     return made
 
 
-def _option(option: Option) -> shared.Decorator:
+def make_option(option: Option) -> shared.Decorator:
+    """Return the option of a command."""
     group = option.group or (OUTPUT if option.is_of_table else "")
     make = partial(shared.headed_option, heading=group) if group else click.option
     return make(
         option.flag,
         option.argument,
-        type=click.Choice(option.choices) if option.choices else option.kind,
+        type=click.Choice(option.choices) if option.choices else shared.FILE if option.kind is Path else option.kind,
         default=option.initial,
         is_flag=option.kind is bool,
         show_default=option.default is not None and option.is_default_shown,
@@ -114,12 +114,18 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
         result = job.run(**given)
         if job.is_unwound:
             raise_if_interrupted()
-    if job.findings is not None:
-        echo_warnings(result.findings[len(job.findings) :])
-    elif not declaration.has_warnings_in_table:
-        echo_warning_lines(result.new_warnings)
+    if not declaration.has_warnings_in_table:
+        echo_new_warnings(job, result)
     _answer(declaration, job, result, options)
     return 0 if job.is_met(result) else EXIT_SPEC
+
+
+def echo_new_warnings(job: Job, result: Any) -> None:
+    """Print the warnings of a result that are not among those of its inputs."""
+    if job.findings is None:
+        echo_warning_lines(result.new_warnings)
+    else:
+        echo_warnings(result.findings[len(job.findings) :])
 
 
 def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, Mapping[str, Any]]:
@@ -200,24 +206,3 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
         echo_note(f"wrote {out}: {', '.join([f'{stem}.json', *drawn, *files.texts])}")
     for note in notes:
         echo_note(note)
-
-
-def analysis_of(name: str, sheet: Sheet, poses: PoseSet | list[Any] | None, what: str = "", **options: Any) -> Any:
-    """Return the result of an analysis for a page, at poses in the form of its function; print its warnings.
-
-    ``what`` labels the progress, by default as the command does; ``options`` are non-default values by argument. The
-    findings of the sheet are already on the page.
-    """
-    declaration = declarations()[name]
-    assert declaration.prepare is not None
-    values: dict[str, Any] = {}
-    for one in declaration.own_options:
-        value = one.initial
-        values[one.argument] = value if one.read is None or value is None else one.read(value)
-    values |= {"seed": 0, "model": "exact", "specs": ()} | options
-    asked = Asked({"": replace(sheet, findings=())}, values, (), lambda: poses, lambda: poses, lambda: None)
-    job = declaration.prepare(asked)
-    with progress_bar(job.steps or 0, what or job.what, job.unit) as progress:
-        result = job.run(progress=progress)
-    echo_warning_lines(result.warnings)
-    return result

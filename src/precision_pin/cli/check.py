@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from precision_pin.analyses.registry import declarations
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli import EXIT_INPUT
 from precision_pin.cli.inputs import find_inputs, read_inputs
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 def command(as_json: bool, **arm: Any) -> int:
     """Check a URDF, or a sheet and the URDF it names, and list every finding with file and line.
 
-    A sheet is tried at each of its poses, as `analyze` would take it; what `allocate` is to choose is read too.
+    A sheet is tried at each of its poses, as `analyze` would take it; the keys of other commands are read too.
 
     Exit code 2 if there is an error; warnings alone pass.
     """
@@ -71,7 +73,7 @@ def _findings(arm: Options) -> tuple[Finding, ...]:
     except InputError as error:
         return findings + error.findings
     note = None if sheet.contents is None else note_on_normal(sheet.contents.text, sheet.file)
-    return (*sheet.findings, *_pose_findings(sheet), *_allocation_findings(sheet), *([note] if note else ()))
+    return (*sheet.findings, *_pose_findings(sheet), *_key_findings(sheet), *([note] if note else ()))
 
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
@@ -88,25 +90,12 @@ def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
     )
 
 
-def _allocation_findings(sheet: Sheet) -> tuple[Finding, ...]:
-    if sheet.contents is None or "allocate" not in sheet.contents.text.data:
-        return ()
-    from precision_pin.analyses.allocation.problem import check_problem, read_problem
-    from precision_pin.model.error_model import ErrorModel
-
-    try:
-        model = ErrorModel.from_sheet(sheet)
-        task = read_problem(model, None)
-    except InputError as error:
-        return error.findings
-    try:
-        check_problem(model, task)
-    except InputError as error:
-        if sheet.estimates is None:
-            return error.findings
-        # all commands but one read the sheet
-        return tuple(replace(one, severity="warning", code="W_ALLOCATE") for one in error.findings)
-    return ()
+def _key_findings(sheet: Sheet) -> Iterator[Finding]:
+    """Yield what analyses find in the keys of the sheet that are theirs."""
+    stated = {} if sheet.contents is None else sheet.contents.text.data
+    for declaration in declarations().values():
+        if declaration.check_sheet and not stated.keys().isdisjoint(declaration.keys):
+            yield from declaration.output(declaration.check_sheet)(sheet)
 
 
 @click.command("mcpc", cls=Command)

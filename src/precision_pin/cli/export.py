@@ -13,7 +13,7 @@ import click
 from precision_pin.base.errors import Finding, InputError, OutputError, visible
 from precision_pin.base.files import csv_text, whole_folder, write_text
 from precision_pin.cli.inputs import Outputs, chosen_pose, echo_findings, read_sheet
-from precision_pin.cli.options import Command, one_pose_options, output_option, progress_bar, seed_option
+from precision_pin.cli.options import FILE, Command, one_pose_options, output_option, progress_bar, seed_option
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.terminal import echo_note
 
@@ -37,7 +37,7 @@ HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad"
 @click.option("--units", type=int, default=1, show_default=True, metavar="N", help="How many robots.")
 @click.option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")
 @seed_option
-@output_option("--out", required=True, metavar="DIR", help="The folder to write to.")
+@output_option("--out", type=FILE, required=True, metavar="DIR", help="The folder to write to.")
 def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     """Write robots as they may be built, each sampled, as URDF files.
 

@@ -11,7 +11,7 @@ import click
 from precision_pin.base.errors import Finding, InputError, OutputError, shown, some
 from precision_pin.base.files import noted_inputs, write_files, write_text
 from precision_pin.cli.inputs import Outputs
-from precision_pin.cli.options import Command, output_option, quiet_option, robot_options
+from precision_pin.cli.options import FILE, Command, output_option, quiet_option, robot_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_note, echo_warnings
 
@@ -20,7 +20,9 @@ from precision_pin.cli.terminal import echo_note, echo_warnings
 @click.argument("robot", metavar="ROBOT.urdf")
 @click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...")
 @robot_options
-@output_option("--out", metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout.")
+@output_option(
+    "--out", type=FILE, metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout."
+)
 @quiet_option
 @output_option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
 @click.option(

@@ -10,10 +10,8 @@ import click
 from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.cli.options import Options, headed_option, together
-from precision_pin.cli.terminal import echo_warnings
 
 if TYPE_CHECKING:
-    from precision_pin.analyses.calibration.calibrate import CalibrationResult
     from precision_pin.sheet import Sheet
     from precision_pin.sheet.measurement import Measurement
 
@@ -99,19 +97,6 @@ def _changed(stated: Measurement, options: Options) -> Measurement:
     if options["point_free"] is not None:
         given["target_known"] = not options["point_free"]
     return Measurement(**given)
-
-
-def calibration_of(sheet: Sheet, data: str) -> CalibrationResult:
-    """Return the fit of the sheet to readings of its own instrument, for a page; print its warnings."""
-    from precision_pin.analyses.calibration.calibrate import calibrate
-    from precision_pin.model.error_model import ErrorModel
-
-    if not sheet.measurements:
-        message = "the sheet has no measurement:, which says how the readings of --calibrate were measured"
-        raise InputError.of("E_MISSING_KEY", message, sheet.file)
-    result = calibrate(ErrorModel.from_sheet(sheet), data, sheet.measurements, findings=sheet.findings)
-    echo_warnings(result.findings[len(sheet.findings) :])
-    return result
 
 
 def _usage(message: str) -> InputError:

@@ -114,6 +114,8 @@ def together(*options: Decorator) -> Decorator:
     return add
 
 
+FILE: Final = click.Path(readable=False)
+"""Type of an option that names a file; whether it can be read or written is checked later."""
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
 _APPROACH_HELP: Final = 'How joints moved last: "joint1 +, joint2 -"'
 inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
@@ -140,9 +142,11 @@ target_option: Final = robot_option(
     help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
 )
 json_option: Final = output_option(
-    "--json", "json_path", metavar="FILE", help="Write the result as JSON; - prints it alone."
+    "--json", "json_path", type=FILE, metavar="FILE", help="Write the result as JSON; - prints it alone."
 )
-plots_option: Final = output_option("--out", metavar="DIR", help="Write plots (PNG and SVG) and the result there.")
+plots_option: Final = output_option(
+    "--out", type=FILE, metavar="DIR", help="Write plots (PNG and SVG) and the result there."
+)
 _flag: Final = partial(output_option, is_flag=True, expose_value=False, callback=remember)
 all_warnings_option: Final = _flag(
     "--all-warnings", help="Print every warning about sheet and robot, not one of each code."
@@ -178,34 +182,6 @@ chain_options: Final = together(
     ),
 )
 """Options that change a sheet and cut a chain out of its robot."""
-layer_options: Final = together(
-    click.option(
-        "--map",
-        "map_file",
-        metavar="FILE.yaml",
-        help="Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
-    ),
-    click.option(
-        "--path",
-        "path_file",
-        metavar="FILE",
-        help="Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
-    ),
-    click.option(
-        "--compensate",
-        "compensate_file",
-        metavar="FILE",
-        help="Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
-    ),
-    click.option(
-        "--calibrate",
-        "calibrate_file",
-        metavar="DATA.csv",
-        help="Fit the sheet to readings, a file as for calibrate with the sheet's measurement:; "
-        "show readings against predictions.",
-    ),
-)
-"""Options of the layers of a page beside the arm."""
 pose_options: Final = together(
     pose_option(
         "--pose",
@@ -225,11 +201,15 @@ pose_options: Final = together(
     ),
     pose_option(
         "--trajectory",
+        type=FILE,
         metavar="FILE.csv",
         help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; times come first.",
     ),
     pose_option(
-        "--grid", metavar="FILE.yaml", help="Poses: a grid over joint values, or over places by inverse kinematics."
+        "--grid",
+        type=FILE,
+        metavar="FILE.yaml",
+        help="Poses: a grid over joint values, or over places by inverse kinematics.",
     ),
     pose_option("--approach", metavar="DIRECTIONS", help=f'{_APPROACH_HELP}, or "previous": from the pose before it.'),
 )
@@ -248,12 +228,6 @@ one_pose_options: Final = together(
 """Options of one arm at one pose."""
 
 
-def layer_files(options: Options) -> list[str]:
-    """Return the files of the layers of a page."""
-    files = (options[f"{name}_file"] for name in ("map", "path", "compensate", "calibrate"))
-    return [file for file in files if file is not None]
-
-
 def describe_excess(arguments: Sequence[str]) -> str:
     """Return the message for more than one robot and one sheet."""
     return (
@@ -267,7 +241,10 @@ worker_options: Final = together(
     sampling_option("--processes", type=int, metavar="N", help="Sample in N processes instead."),
     sampling_option("--dask", metavar="ADDRESS", help="Sample on the Dask cluster of a scheduler, as tcp://host:8786."),
     sampling_option(
-        "--journal", metavar="FILE", help="Keep the run in FILE on the way, so that it can be stopped and resumed."
+        "--journal",
+        type=FILE,
+        metavar="FILE",
+        help="Keep the run in FILE on the way, so that it can be stopped and resumed.",
     ),
     sampling_option("--resume", is_flag=True, help="Go on from the journal, if it is there."),
 )

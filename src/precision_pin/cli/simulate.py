@@ -36,7 +36,7 @@ _LONGEST: Final = 1000
     "--cycles", type=int, metavar="N", help="Visit each pose N times, and write a file for iso9283 --measured."
 )
 @shared.seed_option
-@shared.output_option("--out", required=True, metavar="FILE.csv", help="The file to write.")
+@shared.output_option("--out", type=shared.FILE, required=True, metavar="FILE.csv", help="The file to write.")
 @shared.all_warnings_option
 @shared.quiet_option
 def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) -> None:

@@ -14,20 +14,15 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
-from precision_pin.cli.analyses import analysis_of
 from precision_pin.cli.inputs import PageOutput, echo_findings, read_sheet
-from precision_pin.cli.measurement import calibration_of
 from precision_pin.cli.options import compile_sampler, progress_bar
-from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_grid, read_path, read_poses
+from precision_pin.cli.page_parts import part_files, part_options, read_parts
+from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses
 from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:
     from precision_pin.pages.view import ViewPose
-    from precision_pin.render.scene import Layer
     from precision_pin.sheet import Sheet
-
-CHUNK = 2**14
-"""Samples between two progress steps."""
 
 
 @click.command("view", cls=shared.SamplingCommand)
@@ -38,10 +33,11 @@ CHUNK = 2**14
 @shared.seed_option
 @shared.model_option
 @shared.spec_option
-@shared.layer_options
+@part_options(layers=True)
 @click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @shared.output_option(
     "--out",
+    type=shared.FILE,
     metavar="PAGE.html",
     help="The page to write, or its folder; served to this machine's browser if left out.",
 )
@@ -65,6 +61,7 @@ def command(
     machine only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
     """
     from precision_pin.draws.space import check_seed
+    from precision_pin.model.error_model import ErrorModel
     from precision_pin.pages.view import MOST_POINTS, MOST_POSES, check_factor, limits_kept, page
     from precision_pin.sampling import check_samples
     from precision_pin.statistics.plan import specification
@@ -80,7 +77,7 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError.of("E_USAGE", f"{option} is for a page that is served, without --out")
-    files = [*pose_files(arm), *shared.layer_files(arm)]
+    files = [*pose_files(arm), *part_files(arm)]
     target = None if out is None else PageOutput(out, "view.html")
     if target is not None:
         target.check()
@@ -91,7 +88,8 @@ def command(
         return read_sheet(arm, None if target is None else target.outputs)
 
     def page_of(sheet: Sheet) -> str:
-        layers = _layers(sheet, arm)
+        parts = read_parts(sheet, arm, layers=True, seed=arm["seed"])
+        layers = [layer for part in parts for layer in part.layers(part.run(), ErrorModel.from_sheet(sheet))]
         poses = read_poses(sheet, arm, MOST_POSES)
         if len(poses) > MOST_POSES:
             raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
@@ -131,39 +129,16 @@ def command(
     return 0 if all(kept) else EXIT_SPEC
 
 
-def _layers(sheet: Sheet, arm: shared.Options) -> list[Layer]:
-    from precision_pin.analyses.calibration.figure import CalibrationLayer
-    from precision_pin.analyses.compensation.figure import CompensationLayer
-    from precision_pin.analyses.map.figure import PlacesData
-    from precision_pin.analyses.path.figure import PathLayer
-    from precision_pin.model.error_model import ErrorModel
-
-    layers: list[Layer] = []
-    if (file := arm["map_file"]) is not None:
-        layers.append(PlacesData.of(analysis_of("map", sheet, read_grid(sheet, file), seed=arm["seed"])))
-    if (file := arm["path_file"]) is not None:
-        way = read_path(sheet, file)
-        layers.append(PathLayer.of(analysis_of("path", sheet, way, "sampling the path", seed=arm["seed"])))
-    if (file := arm["compensate_file"]) is not None:
-        made = analysis_of("compensate", sheet, read_path(sheet, file))
-        layers.append(CompensationLayer.of(made, ErrorModel.from_sheet(sheet)))
-    if (file := arm["calibrate_file"]) is not None:
-        layers.append(CalibrationLayer.of(calibration_of(sheet, file)))
-    return layers
-
-
 def _sampled(
     poses: Sequence[AskedPose], sheet: Sheet, samples: int, arm: shared.Options
 ) -> tuple[list[ViewPose], list[str]]:
     """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
-    import numpy as np
-
-    from precision_pin.kernel import sampler
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.model.pose_model import origin_shares
     from precision_pin.model.verdict_grounds import by_both_models, exact_findings_at, grounds_at
     from precision_pin.pages.view import ViewPose
     from precision_pin.render.tables import resting_on
+    from precision_pin.sampling.clouds import sample_errors
 
     error_model, model, seed = ErrorModel.from_sheet(sheet), arm["model"], arm["seed"]
     compile_sampler(error_model.space, model)
@@ -175,12 +150,7 @@ def _sampled(
             here = (*at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at))
             findings.append(here)
             grounds = grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, seed))
-            table, chunks = sampler.to_arrays(at), []
-            for first in range(0, samples, CHUNK):
-                count = min(CHUNK, samples - first)
-                chunks.append(sampler.errors(table, model, seed, first, count, pose=number))
-                progress(count)
-            errors = np.concatenate(chunks, axis=1)
+            errors = sample_errors(at, samples, seed=seed, model=model, pose=number, progress=progress)
             shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words, grounds))
     echo_findings(_gathered(findings))
     shares = origin_shares(error_model.origins, shown[0].pose_model)

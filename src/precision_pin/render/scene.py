@@ -172,14 +172,12 @@ class Chapter:
     Attributes:
         name, title: Identifier, and title in the table of contents.
         answers: Lines for the head of the page.
-        layer: What the 3-D view shows of it.
     """
 
     name: str
     title: str
     section: Html
     answers: tuple[str, ...] = ()
-    layer: Layer | None = None
 
 
 _SIDES: Final = 20

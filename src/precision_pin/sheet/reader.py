@@ -27,7 +27,16 @@ from precision_pin.robot.urdf import Robot
 from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
-from precision_pin.sheet.schema import ASSUMED, PROVENANCE, Context, Document, Findings, source_model, used_quantities
+from precision_pin.sheet.schema import (
+    ASSUMED,
+    PROVENANCE,
+    Context,
+    Document,
+    Findings,
+    document_model,
+    source_model,
+    used_quantities,
+)
 from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter, placed
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, read_text, written_yaml
@@ -279,9 +288,9 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
         findings.refuse()
     data: dict[str, Any] = {key: value for key, value in text.data.items() if value != ""}
     try:
-        return Document.model_validate(data), set()
+        return document_model().model_validate(data), set()
     except ValidationError as error:
-        findings.take_validation(error, (), Document)
+        findings.take_validation(error, (), document_model())
         wrong = [findings.walk((), entry["loc"]) or entry["loc"] for entry in error.errors()]
     needed = {"precision-pin": "1", "robot": ""}
     for where in wrong:
@@ -290,7 +299,7 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
             data[top] = {key: value for key, value in data[top].items() if key != where[1]}
         else:
             data.pop(top, None)
-    return Document.model_validate(needed | data), {str(where[0]) for where in wrong}
+    return document_model().model_validate(needed | data), {str(where[0]) for where in wrong}
 
 
 def _parameters(
@@ -617,7 +626,7 @@ def _values(sheet: Sheet) -> Iterator[tuple[str, str]]:
                 yield label, "present"
                 yield from _flat(label, next(iter(entry.values())))
         # the other keys do not change the error
-        elif key not in ("precision-pin", "allocate", "measurement"):
+        elif key in Document.model_fields and key != "measurement":
             yield from _flat(key, value)
 
 

@@ -26,6 +26,7 @@ from pydantic import (
     create_model,
 )
 
+from precision_pin import sheet_keys
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
 from precision_pin.base.units import PerEntry, PerJoint, Quantity, parse_vector
 from precision_pin.draws.laws import Law, laws_of_sheets
@@ -136,9 +137,15 @@ class Document(BaseModel):
         default_factory=dict,
         description="Warnings of URDF, sheet and statics that are accepted, by code, with the reason; results list them.",
     )
-    allocate: dict[str, Any] | None = Field(
-        None, description="What precision-pin allocate solves: tolerances with their costs, specs, poses."
-    )
+
+
+@cache
+def document_model() -> type[Document]:
+    """Return the pydantic model of a sheet, with the keys that analyses declare."""
+    keys: dict[str, Any] = {
+        key: (dict[str, Any] | None, Field(None, description=text)) for key, text in sheet_keys().items()
+    }
+    return create_model("Document", __base__=Document, **keys)
 
 
 @cache
@@ -158,7 +165,7 @@ def source_model(kind: type) -> type[BaseModel]:
 
 def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, Any]:
     """Return the JSON schema of a sheet."""
-    schema = Document.model_json_schema(by_alias=True)
+    schema = document_model().model_json_schema(by_alias=True)
     definitions: dict[str, Any] = schema.pop("$defs", {}) | {"law": _law_schema()}
     definitions["MeasurementEntry"]["properties"]["target_known"] |= {"type": ["boolean", "string"], "enum": _FLAG}
     choices = []

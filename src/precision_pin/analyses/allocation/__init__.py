@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option
+from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option, PagePart
 
 
 def prepare(asked: Asked) -> Job:
@@ -66,7 +66,8 @@ DECLARATION = Declaration(
         ),
         "json",
         Option(
-            "--out", "out", "Write the sheet with the chosen tolerances, a plot and the result there.", metavar="DIR",
+            "--out", "out", "Write the sheet with the chosen tolerances, a plot and the result there.",
+            kind=Path, metavar="DIR",
             group=OUTPUT,
         ),
         "messages",
@@ -76,4 +77,10 @@ DECLARATION = Declaration(
     files=("allocation.*", "allocated.errors.yaml"),
     is_sampled=False,
     table_name="allocation_table",
+    part=PagePart(
+        Option("--allocate", "is_allocated", "Choose the tolerances that the sheet's allocate: asks for.", bool),
+        place=60, chapter="figure:allocation_chapter", settings=lambda _: {"pareto": 7}, missed="by the allocation",
+    ),
+    keys={"allocate": "What precision-pin allocate solves: tolerances with their costs, specs, poses."},
+    check_sheet="problem:sheet_findings",
 )  # fmt: skip

@@ -22,11 +22,11 @@ from precision_pin.analyses.allocation.tolerances import (
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnknownNameError, unheard
+from precision_pin.base.errors import Finding, InputError, UnknownNameError, unheard
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.changes import source_of
-from precision_pin.sheet.reader import Contents
+from precision_pin.sheet.reader import Contents, Sheet
 from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import specification
@@ -330,3 +330,20 @@ def _limit(entry: object, where: str) -> Specification | Bound:
     if not limit > 0:
         raise InputError(f"allocate: {where}: the limit must be positive")
     return Bound(kind, limit, units.split(text)[1] in units.LENGTH.units)
+
+
+def sheet_findings(sheet: Sheet) -> tuple[Finding, ...]:
+    """Return what is wrong with the ``allocate:`` of a sheet."""
+    try:
+        model = ErrorModel.from_sheet(sheet)
+        task = read_problem(model, None)
+    except InputError as error:
+        return error.findings
+    try:
+        check_problem(model, task)
+    except InputError as error:
+        if sheet.estimates is None:
+            return error.findings
+        # all commands but one read the sheet
+        return tuple(replace(one, severity="warning", code="W_ALLOCATE") for one in error.findings)
+    return ()

@@ -28,4 +28,5 @@ DECLARATION = Declaration(
     ),
     steps=f"{__name__}.budget:count_steps",
     unit="robots",
+    causes="causes:rank_causes",
 )  # fmt: skip

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget, scaled
+from precision_pin.analyses.budget.causes import rank_causes
 from precision_pin.analyses.budget.table import source_name
-from precision_pin.analyses.collect import MISSING, Cause, CauseShare, Results, percent, rank_causes, shown
+from precision_pin.analyses.collect import MISSING, Cause, CauseShare, Results, percent, shown
 from precision_pin.analyses.shares import VECTORS, Shares
 from precision_pin.base.errors import shortened
 from precision_pin.render.draw_distribution import BLACK, SKY

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from precision_pin.analyses.declaration import MEASURE, POSES, Asked, Declaration, Files, Job, Option, load
+from precision_pin.analyses.declaration import MEASURE, POSES, Asked, Declaration, Files, Job, Option, PagePart, load
 from precision_pin.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -88,6 +88,13 @@ def prepare(asked: Asked) -> Job:
         return _fit(asked, model, measurements, at)
     ahead = _forecast if options["count"] is None else _plan
     return ahead(asked, model, only_one(measurements, asked.sheet.file), at)
+
+
+def check_measured(sheet: Sheet) -> None:
+    """Reject a sheet that does not say how the readings of a page were measured."""
+    if not sheet.measurements:
+        message = "the sheet has no measurement:, which says how the readings of --calibrate were measured"
+        raise InputError.of("E_MISSING_KEY", message, sheet.file)
 
 
 def _job(run: Callable[..., Any], use: str, **settings: Any) -> Job:
@@ -253,7 +260,9 @@ DECLARATION = Declaration(
             "Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",
             choices=("task", "D"),
         ),
-        _ahead("--csv", "csv_path", "Of --plan: write the chosen poses, as --trajectory reads them.", metavar="FILE"),
+        _ahead(
+            "--csv", "csv_path", "Of --plan: write the chosen poses, as --trajectory reads them.", kind=Path, metavar="FILE",
+        ),
         _ahead(
             "--random", "random",
             f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.", int,
@@ -264,10 +273,11 @@ DECLARATION = Declaration(
             "--only", "only", "Estimate the numbers of this kind of source alone; repeats.", metavar="KIND",
             is_repeated=True,
         ),
-        _fit_of("--urdf", "urdf", "Write the calibrated robot as a URDF.", metavar="FILE"),
+        _fit_of("--urdf", "urdf", "Write the calibrated robot as a URDF.", kind=Path, metavar="FILE"),
         _fit_of(
             "--sheet", "sheet_path",
-            "Write the sheet of the calibrated arm, for every other command, and the result beside it.", metavar="FILE.yaml",
+            "Write the sheet of the calibrated arm, for every other command, and the result beside it.",
+            kind=Path, metavar="FILE.yaml",
         ),
         Option(
             "--population", "population",
@@ -275,7 +285,8 @@ DECLARATION = Declaration(
         ),
         Option("--means-free", "means_free", "With --population: the means are estimated too.", bool, group=_SEVERAL),
         Option(
-            "--factory", "factory", "Read UR's factory calibration: calibration.conf, or the YAML for ROS.", metavar="FILE",
+            "--factory", "factory", "Read UR's factory calibration: calibration.conf, or the YAML for ROS.",
+            kind=Path, metavar="FILE",
             group="Factory calibration",
         ),
         *("measurement", "poses"),
@@ -294,4 +305,14 @@ DECLARATION = Declaration(
     writes=("json_path", "csv_path", "urdf", "sheet_path"),
     files=("calibration*",),
     is_sampled=False,
+    part=PagePart(
+        Option(
+            "--calibrate", "calibrate_file",
+            "Fit the sheet to readings, a file as for calibrate with the sheet's measurement:; "
+            "show readings against predictions.",
+            kind=Path, metavar="DATA.csv",
+        ),
+        place=40, chapter="figure:calibration_chapter", layer="figure:CalibrationLayer",
+        settings=lambda file: {"robots": [file]}, check=check_measured, is_first=True,
+    ),
 )  # fmt: skip

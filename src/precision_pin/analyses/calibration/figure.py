@@ -199,7 +199,7 @@ class CalibrationLayer:
     scale: ColourScale
 
     @classmethod
-    def of(cls, result: CalibrationResult) -> CalibrationLayer:
+    def of(cls, result: CalibrationResult, *_: object) -> CalibrationLayer:
         """Return the layer of a calibration."""
         worst = WorstReadings.of(result, MOST_DRAWN)
         counted = worst.sizes[~worst.is_gross & (worst.sizes > _ROUNDING)]
@@ -298,7 +298,7 @@ def calibration_chapter(result: CalibrationResult) -> Chapter:
     said = text.headline(result)
     answers = [*said[:2], *said[3:]]
     lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in answers)
-    return Chapter("calibration", "Calibration", _section(result), lines, CalibrationLayer.of(result))
+    return Chapter("calibration", "Calibration", _section(result), lines)
 
 
 def _section(result: CalibrationResult) -> Html:

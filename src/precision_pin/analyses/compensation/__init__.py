@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option
+from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option, PagePart
 from precision_pin.base.errors import InputError
 
 
@@ -82,12 +82,13 @@ DECLARATION = Declaration(
         ),
         *("poses", "target", "chain"),
         Option(
-            "--csv", "csv_path", "Write the corrected joint values there, with the input's columns.", metavar="FILE",
+            "--csv", "csv_path", "Write the corrected joint values there, with the input's columns.", kind=Path, metavar="FILE",
             group=OUTPUT,
         ),
         "json",
         Option(
-            "--out", "out", "Write a plot (PNG and SVG), the corrected joint values and the result there.", metavar="DIR",
+            "--out", "out", "Write a plot (PNG and SVG), the corrected joint values and the result there.",
+            kind=Path, metavar="DIR",
             group=OUTPUT,
         ),
         "messages",
@@ -98,4 +99,12 @@ DECLARATION = Declaration(
     files=("compensation.*", "corrected.csv"),
     is_sampled=False,
     table_name="compensation_table",
+    part=PagePart(
+        Option(
+            "--compensate", "compensate_file",
+            "Correct the poses of a file as for --trajectory or --grid in position; show the arm before and after.",
+            kind=Path, metavar="FILE",
+        ),
+        place=30, chapter="figure:compensation_chapter", layer="figure:CompensationLayer", poses="path",
+    ),
 )  # fmt: skip

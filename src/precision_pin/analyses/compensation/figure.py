@@ -69,7 +69,7 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
         axes.set_xlim(0.5, len(places) + 0.5)
 
 
-def compensation_chapter(result: CompensationResult, error_model: ErrorModel) -> Chapter:
+def compensation_chapter(result: CompensationResult) -> Chapter:
     """Return the compensation of a model as a chapter."""
     said, rows, joints = headline(result), pose_rows(result), joint_rows(result)
     picture = inline_figure(
@@ -86,7 +86,7 @@ def compensation_chapter(result: CompensationResult, error_model: ErrorModel) ->
     tables.append(table(listed, rows[0], rows[1:]))
     content = section("compensation", "Compensation", items(said), picture, *tables, *notes)
     answers = tuple(f"Compensation: {line}" for line in said)
-    return Chapter("compensation", "Compensation", content, answers, CompensationLayer.of(result, error_model))
+    return Chapter("compensation", "Compensation", content, answers)
 
 
 _GREEN: Final = "#009e73"

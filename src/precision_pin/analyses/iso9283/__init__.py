@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from precision_pin.analyses.declaration import INPUTS, MEASURE, OUTPUT, ROBOT, Asked, Declaration, Job, Option
+from precision_pin.analyses.declaration import INPUTS, MEASURE, OUTPUT, ROBOT, Asked, Declaration, Job, Option, PagePart
 from precision_pin.base.errors import InputError, UnitError
 
 _IN_CUBE = 5
@@ -102,7 +103,7 @@ DECLARATION = Declaration(
         Option("--fit-base", "fit_base", "Align the base by the best fit over the poses.", bool),
         Option(
             "--measured", "measured", "Measured cycles of a robot: pose, cycle, x [mm], y [mm], z [mm], angles.",
-            metavar="FILE.csv",
+            kind=Path, metavar="FILE.csv",
         ),
         "beyond",
         Option(
@@ -110,7 +111,7 @@ DECLARATION = Declaration(
             is_repeated=True, check=f"{__name__}.forecast:listed_limits",
         ),
         "json",
-        Option("--out", "out", "Write the plot (PNG and SVG) and the result there.", metavar="DIR", group=OUTPUT),
+        Option("--out", "out", "Write the plot (PNG and SVG) and the result there.", kind=Path, metavar="DIR", group=OUTPUT),
     ),
     group=MEASURE,
     prepare=prepare,
@@ -118,4 +119,12 @@ DECLARATION = Declaration(
     reads=("measured",),
     files=("iso9283.*",),
     table_name="iso9283_table",
+    part=PagePart(
+        Option(
+            "--iso9283", "test_at",
+            "Forecast a test by ISO 9283, at the poses of the report or in the largest cube within reach.",
+            choices=("poses", "cube"),
+        ),
+        place=50, chapter="figure:iso9283_chapter", poses="page", settings=lambda value: {"cube": value == "cube"},
+    ),
 )  # fmt: skip

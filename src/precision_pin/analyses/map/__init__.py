@@ -1,9 +1,10 @@
 """The first-order model over many poses: maps, covariance between poses, relative accuracy."""
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from precision_pin.analyses.declaration import OUTPUT, SAMPLING, Asked, Declaration, Files, Job, Option
+from precision_pin.analyses.declaration import OUTPUT, SAMPLING, Asked, Declaration, Files, Job, Option, PagePart
 
 
 def prepare(asked: Asked) -> Job:
@@ -73,11 +74,18 @@ DECLARATION = Declaration(
             metavar="POSE", is_pose=True,
         ),
         *("seed", "spec", "workers"),
-        Option("--netcdf", "netcdf", "Write the map as netCDF, for xarray.", metavar="FILE.nc", group=OUTPUT),
+        Option("--netcdf", "netcdf", "Write the map as netCDF, for xarray.", kind=Path, metavar="FILE.nc", group=OUTPUT),
         *("json", "out", "messages"),
     ),
     prepare=prepare,
     writes=("journal", "json_path", "netcdf"),
     files=("map.json", "position.*", "attitude.*"),
     table_name="map_table",
+    part=PagePart(
+        Option(
+            "--map", "map_file", "Map a grid, a file as for --grid: within how much 95 % of robots stay at its places.",
+            kind=Path, metavar="FILE.yaml",
+        ),
+        place=10, chapter="figure:map_chapter", layer="figure:PlacesData", poses="grid", missed="on the map",
+    ),
 )  # fmt: skip

@@ -262,7 +262,7 @@ def _section(result: MapResult) -> Html:
 def map_chapter(result: MapResult) -> Chapter:
     """Return the map as a chapter with its answers at the top: what is met at the poses may be missed on the map."""
     said = tuple(f"On the map: {line}" for line in answers(result))
-    return Chapter("map", "Map", _section(result), said, PlacesData.of(result))
+    return Chapter("map", "Map", _section(result), said)
 
 
 _CORNERS: Final = np.concatenate([np.eye(3), -np.eye(3)])
@@ -288,7 +288,7 @@ class PlacesData:
     worst: str
 
     @classmethod
-    def of(cls, result: MapResult) -> PlacesData:
+    def of(cls, result: MapResult, *_: object) -> PlacesData:
         """Return the places of a map; solutions and orientations at one place are merged."""
         quantile = result.quantile[LEVELS.index(0.95), 0]
         positions, place = np.unique(result.poses.position.round(_DECIMALS), axis=1, return_inverse=True)

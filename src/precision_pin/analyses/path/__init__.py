@@ -3,9 +3,10 @@
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
-from precision_pin.analyses.declaration import SAMPLING, Asked, Declaration, Job, Option
+from precision_pin.analyses.declaration import SAMPLING, Asked, Declaration, Job, Option, PagePart
 from precision_pin.base.errors import InputError, UnitError
 
 SAMPLES: Final = 10_000
@@ -106,4 +107,13 @@ DECLARATION = Declaration(
     prepare=prepare,
     files=("path.*",),
     table_name="path_table",
+    part=PagePart(
+        Option(
+            "--path", "path_file",
+            "Show a path, a file as for --trajectory or --grid: what 95 % of robots keep at its points and all along it.",
+            kind=Path, metavar="FILE",
+        ),
+        place=20, chapter="figure:path_chapter", layer="figure:PathLayer", poses="path", what="sampling the path",
+        missed="along the path",
+    ),
 )  # fmt: skip

@@ -94,7 +94,7 @@ def path_chapter(result: PathResult) -> Chapter:
     tables = table("Largest error of the path", maxima[0], maxima[1:]), table(poses, listed[0], listed[1:])
     content = section("path", "Path", said, picture, *tables, paragraph(note, class_="note"))
     answers = tuple(f"Along the path: {line}" for line in (headline(result), *verdict_lines(result)))
-    return Chapter("path", "Path", content, answers, PathLayer.of(result))
+    return Chapter("path", "Path", content, answers)
 
 
 # largest initial radius of the outer tube, in lengths of the arm
@@ -110,7 +110,7 @@ class PathLayer:
     name: str = "path"
 
     @classmethod
-    def of(cls, result: PathResult) -> PathLayer:
+    def of(cls, result: PathResult, *_: object) -> PathLayer:
         """Return the layer of a path."""
         sizes = result.curve[0]
         # the quantiles are sampled: a narrower scale would only colour their scatter

@@ -7,11 +7,13 @@ function E exp(i t·x).
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 from typing import Final
 
+from precision_pin.base.extensions import find_extensions
 from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.lognormal import Lognormal
 from precision_pin.draws.laws.measured import Empirical, JointNormal, Rows, TwoPoint
@@ -66,8 +68,17 @@ LAWS: Final[tuple[type[Law], ...]] = (
 
 
 def laws_of_sheets() -> Mapping[str, type[Law]]:
-    """Return every law that a sheet can name, by its key."""
-    return _by_key(LAWS)
+    """Return every law that a sheet can name, by its key, those that other packages install included."""
+    installed = (extension.value for extension in find_extensions("laws", _check) if extension.value is not None)
+    return _by_key((*LAWS, *installed))
+
+
+def _check(law: object) -> str:
+    if not (inspect.isclass(law) and issubclass(law, Law)):
+        return "it is no subclass of precision_pin.draws.laws.Law"
+    if not law.form.key:
+        return "its form has no key, so that no sheet can name it"
+    return f"the key {law.form.key!r} is taken" if law.form.key in _by_key(LAWS) else ""
 
 
 @cache  # sheets have thousands of laws

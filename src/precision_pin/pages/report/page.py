@@ -214,6 +214,7 @@ def reproduction(poses: Sequence[Results]) -> Html:
 def page(
     results: Results | Sequence[Results],
     chapters: Sequence[Chapter] = (),
+    layers: Sequence[Layer] = (),
     *,
     missed: Sequence[str] = (),
     full: bool = False,
@@ -226,6 +227,7 @@ def page(
     Args:
         results: Results to show; of several poses the worst first.
         chapters: Chapters beside the poses, such as a map or a path of the same chain.
+        layers: What the 3-D view shows of them.
         missed: Where else a specification is not met, such as ``on the map``.
         full: Open all sections initially, except the 3-D view.
     """
@@ -270,7 +272,7 @@ def page(
         element("nav", element("ul", *links), aria_label="Contents"),
         assumptions(poses),
         *details,
-        scene(poses, [chapter.layer for chapter in chapters if chapter.layer is not None]),
+        scene(poses, layers),
         *last,
         id="main",
         tabindex="-1",

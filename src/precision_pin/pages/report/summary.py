@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget
-from precision_pin.analyses.collect import MISSING, CauseShare, Results, milli_interval, percent, rank_causes, statistic
+from precision_pin.analyses.collect import MISSING, CauseShare, Results, milli_interval, percent, statistic
 from precision_pin.base.arrays import Array
 from precision_pin.pages.report.distributions import describe_verdict, specifications, verdict
 from precision_pin.pages.view.drawing import Cloud, draw_picture
@@ -34,12 +33,6 @@ def constant_part(results: Results) -> float:
     return size if size > 0.1 * (norm.quantile(_LEVEL) or norm.max) else 0.0
 
 
-def budget_of(results: Results) -> PoseBudget | None:
-    """Return the budget of the pose, if there is one."""
-    found = next((result for result in results.found.values() if isinstance(result, BudgetResult)), None)
-    return None if found is None else found.poses[0]
-
-
 def changes(results: Results) -> Html:
     """Return a table of the effect of halving the tolerance of each of the largest causes.
 
@@ -49,9 +42,7 @@ def changes(results: Results) -> Html:
     asked = given[0] if given else None
     quantity = asked.quantity if asked is not None else results.analysis.position.norm.quantity
     vector = quantity.partition(".")[0]
-    budget = budget_of(results)
-    ranked = [] if budget is None else rank_causes(results.causes, budget, vector)
-    causes = [one for one in ranked if one.share is not None and one.share >= 0.01][:5]
+    causes = [one for one in results.rank_causes(vector) if one.share is not None and one.share >= 0.01][:5]
     constant = vector == "position" and constant_part(results) > 0
     if not causes and not constant:
         return joined([])
@@ -162,17 +153,16 @@ def picture(results: Results) -> Html:
     )
 
 
-def causes_in_words(results: Results, budget: PoseBudget, vector: str, most: int) -> list[tuple[float, str]]:
+def causes_in_words(results: Results, vector: str, most: int) -> list[tuple[float, str]]:
     """Return the largest causes as fraction and text."""
-    ranked = rank_causes(results.causes, budget, vector)
+    ranked = results.rank_causes(vector)
     return [(one.share, one.cause.text) for one in ranked[:most] if one.share is not None and one.share >= 5e-4]
 
 
 def _causes(results: Results) -> Html:
     """Return the largest causes, the error at the means if it is a large part, and how much rests on assumptions."""
-    budget = budget_of(results)
     parts: list[Child] = []
-    if budget is not None and budget.draws and (largest := causes_in_words(results, budget, "position", 3)):
+    if largest := causes_in_words(results, "position", 3):
         lines = [element("li", element("strong", f"{100 * share:.0f} %"), f" {text}") for share, text in largest]
         parts.append(paragraph("Largest causes, share of the variance of d:", class_="lead"))
         parts.append(element("ul", *lines, class_="causes"))
@@ -201,14 +191,14 @@ def _by_pose(poses: Sequence[Results]) -> Html:
     rows = []
     for results in poses:
         given = results.analysis.summary.specifications
-        norm, budget = results.analysis.position.norm, budget_of(results)
+        norm = results.analysis.position.norm
         cells: list[Child] = [name_pose(results)]
         if given:
             said = given[0].verdict if len(given) == 1 else describe_verdict(given)
             met = all(result.met for result in given)
             cells.append(element("strong", said, class_="good" if met else "bad"))
         cells += [_with_interval(norm, level) for level in _MARKED]
-        largest = [] if budget is None else causes_in_words(results, budget, "position", 1)
+        largest = causes_in_words(results, "position", 1)
         cells.append("".join(f"{100 * share:.0f} % {text}" for share, text in largest) or MISSING)
         rows.append(cells)
     caption = f"{len(poses)} poses, the worst first: position error {symbol('position.norm')}"

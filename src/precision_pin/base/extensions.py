@@ -1,0 +1,49 @@
+"""Analyses, sources and laws that other packages install, found by their entry points.
+
+A package names what it adds in the groups ``precision_pin.analyses`` (a declaration), ``precision_pin.sources`` and
+``precision_pin.laws`` (a class). What cannot be used is left out, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final, NamedTuple
+
+GROUPS: Final = ("analyses", "sources", "laws")
+"""Kinds of extensions; the entry points of each have the group ``precision_pin.KIND``."""
+
+
+class Extension(NamedTuple):
+    """Something that another package installs.
+
+    Attributes:
+        name, place, package: Name and ``module:name`` of the entry point; name and version of the package.
+        value: The object; None if it cannot be used.
+        error: Why it cannot be used.
+    """
+
+    name: str
+    place: str
+    package: str
+    value: Any
+    error: str
+
+
+@cache
+def find_extensions(kind: str, check: Callable[[Any], str]) -> tuple[Extension, ...]:
+    """Return the extensions of a kind of :data:`GROUPS`; ``check`` returns why an object cannot be used, or no text."""
+    # imported late: it takes 50 ms
+    from importlib.metadata import entry_points
+
+    found = []
+    for point in sorted(entry_points(group=f"precision_pin.{kind}"), key=lambda point: point.name):
+        value, error = None, ""
+        try:
+            value = point.load()
+            error = check(value)
+        except Exception as problem:  # noqa: BLE001 - code of others can raise anything
+            error = f"{type(problem).__name__}: {problem}"
+        package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+        found.append(Extension(point.name, point.value, package, None if error else value, error))
+    return tuple(found)
