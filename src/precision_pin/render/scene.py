@@ -164,6 +164,10 @@ class Layer(Protocol):
     def settings(self, length: float) -> dict[str, Any]:
         """Return the numbers for the page's scripts, for JSON."""
 
+    @property
+    def script(self) -> str:
+        """JavaScript that draws what depends on the magnification; it knows ``layer``, the settings, and ``group``."""
+
 
 @dataclass(frozen=True)
 class Chapter:

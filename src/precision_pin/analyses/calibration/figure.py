@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -197,6 +198,11 @@ class CalibrationLayer:
     result: CalibrationResult
     worst: WorstReadings
     scale: ColourScale
+
+    @property
+    def script(self) -> str:
+        """Script of the page beside this file."""
+        return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: CalibrationResult, *_: object) -> CalibrationLayer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -117,6 +118,11 @@ class CompensationLayer:
     arms: Array
     commanded: Array
     name: str = "compensation"
+
+    @property
+    def script(self) -> str:
+        """Script of the page beside this file."""
+        return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: CompensationResult, error_model: ErrorModel) -> CompensationLayer:

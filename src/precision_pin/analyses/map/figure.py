@@ -287,6 +287,11 @@ class PlacesData:
     scale: ColourScale
     worst: str
 
+    @property
+    def script(self) -> str:
+        """None: the places do not depend on the magnification."""
+        return ""
+
     @classmethod
     def of(cls, result: MapResult, *_: object) -> PlacesData:
         """Return the places of a map; solutions and orientations at one place are merged."""

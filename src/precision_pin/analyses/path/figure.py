@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -108,6 +109,11 @@ class PathLayer:
     result: PathResult
     scale: ColourScale
     name: str = "path"
+
+    @property
+    def script(self) -> str:
+        """Script of the page beside this file."""
+        return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: PathResult, *_: object) -> PathLayer:

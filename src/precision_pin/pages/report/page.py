@@ -236,7 +236,7 @@ def page(
     analysis = worst.analysis
     title = f"Pose error of {worst.model.chain.robot.name}, {analysis.base} to {analysis.tip}"
     policy = (
-        f"default-src 'none'; script-src {' '.join(view.script_hashes())}; style-src 'unsafe-inline'; img-src data:; "
+        f"default-src 'none'; script-src {' '.join(view.script_hashes(layers))}; style-src 'unsafe-inline'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
     style = importlib.resources.files(__package__).joinpath("style.css").read_text("utf-8")

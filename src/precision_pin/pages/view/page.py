@@ -39,10 +39,9 @@ from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import QUANTITIES
 
-_SCRIPTS: Final = (
-    "stage", "cloud", "path", "compensation", "calibration", "frames", "arms", "tolerances", "headline", "camera",
-    "pointer", "controls",
-)  # fmt: skip
+_SCRIPTS_BEFORE: Final = ("stage", "cloud")
+_SCRIPTS_AFTER: Final = ("frames", "arms", "tolerances", "headline", "camera", "pointer", "controls")
+"""Own scripts before and after those of the layers."""
 _GRID_HALF: Final = 8
 _PICTURE: Final = (600, 500)
 """Width and height of the still picture."""
@@ -178,9 +177,9 @@ def page(
     how = "deflected by its mean loads" if deflected else "the same as without error"
     is_limit_drawn = any(one.quantity.startswith("position") for one in specifications)
     ghosts_line, limit_line = _optional_layers(data, specifications, is_limit_drawn)
-    viewer, script = _scripts()
+    viewer, script = _scripts(layers)
     return string.Template(asset("page.html")).substitute(
-        policy=f"default-src 'none'; script-src {' '.join(script_hashes())}; style-src 'unsafe-inline'; "
+        policy=f"default-src 'none'; script-src {' '.join(script_hashes(layers))}; style-src 'unsafe-inline'; "
         "img-src data: blob:; base-uri 'none'; form-action 'none'",
         style=asset("page.css"),
         settings=_data(settings),
@@ -273,12 +272,12 @@ def _picture(posture: Posture, positions: Array, factor: float, direction: Array
     )
 
 
-def script_hashes() -> tuple[str, ...]:
-    """Return the sources ``'sha256-…'`` that a content security policy needs to allow every script of a page.
+def script_hashes(layers: Sequence[Layer] = ()) -> tuple[str, ...]:
+    """Return the sources ``'sha256-…'`` that a content security policy needs to allow every script of a page with layers.
 
     A frame with ``srcdoc`` inherits the policy of the page around it, which must allow them too.
     """
-    return tuple(map(source_hash, _scripts()))
+    return tuple(map(source_hash, _scripts(layers)))
 
 
 def source_hash(text: str) -> str:
@@ -310,9 +309,15 @@ def asset(name: str) -> str:
     return importlib.resources.files(__package__).joinpath("assets", name).read_text("utf-8")
 
 
-def _scripts() -> tuple[str, str]:
+def _scripts(layers: Sequence[Layer]) -> tuple[str, str]:
     """Return the page's two scripts, MeshCat's viewer and our own, escaped for script elements."""
-    own = "".join(asset(f"{name}.js") for name in _SCRIPTS)
+    before, after = ("".join(asset(f"{name}.js") for name in names) for names in (_SCRIPTS_BEFORE, _SCRIPTS_AFTER))
+    drawn = (
+        f"(function (layer, group) {{\n{layer.script}}})(settings.layers[{_data(layer.name)}], kinds[{_data(layer.name)}]);\n"
+        for layer in layers
+        if layer.script
+    )
+    own = f"{before}{''.join(drawn)}{after}"
     scripts = viewer_script(), f'"use strict";\n(function () {{\n{own}}})();'
     for code in scripts:
         if "</script" in code.lower() or "<!--" in code:

@@ -23,9 +23,7 @@ function setFactor(value) {
   placeErrors();
   showFrames(poses[current], factor);
   showLikenesses(poses[current], factor);
-  showPath(factor);
-  showCompensation(factor);
-  showCalibration(factor);
+  magnified.forEach((show) => show(factor));
   viewer.set_dirty();
   slider.value = Math.log10(factor);
   slider.setAttribute("aria-valuetext", three(factor) + " times");

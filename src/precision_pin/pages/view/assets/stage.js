@@ -1,5 +1,5 @@
-// All scripts of the page stand in one function, in the order stage, cloud, path, compensation, calibration, frames, arms,
-// tolerances, headline, camera, pointer, controls.
+// All scripts of the page stand in one function, in the order stage, cloud, layers, frames, arms, tolerances, headline, camera,
+// pointer, controls. That of a layer is a function of its settings, layer, and its node of the scene, group.
 // Positions are in m, in the axes of the base; matrices are 16 numbers by columns, as three.js keeps them.
 
 const settings = JSON.parse(document.getElementById("settings").textContent);
@@ -36,6 +36,8 @@ const kinds = { arm: node("arm"), grid: node("grid") };
 for (const layer of Object.keys(settings.layers)) {
   kinds[layer] = node(layer);
 }
+// functions of the magnification, for what layers draw too large
+const magnified = [];
 
 function kind(name, parent = base) {
   kinds[name] = new THREE.Group();
@@ -81,7 +83,11 @@ const curtain = new THREE.Mesh(
   new THREE.MeshBasicMaterial({ transparent: true, colorWrite: false, depthWrite: false, depthTest: false }));
 curtain.frustumCulled = false;
 curtain.renderOrder = OVER.start;
-curtain.onBeforeRender = (renderer) => renderer.clearDepth();
+curtain.onBeforeRender = function (renderer) {
+  // what was drawn before may have switched off writing to the depths, and with it their clearing
+  renderer.state.buffers.depth.setMask(true);
+  renderer.clearDepth();
+};
 base.add(curtain);
 
 function drawOver(object, order = OVER.errors) {

@@ -1,7 +1,6 @@
 // A path: a tube about its line whose radius is the error at each point, drawn too large, and a cone at the worst point.
 
 const RING = 16;
-const way = settings.layers.path ?? null;
 
 // around each point a ring across the way, each turned as little as possible against the one before
 function ringsOf(points) {
@@ -44,38 +43,35 @@ function tube(group, count, material) {
   return mesh;
 }
 
-let showPath = () => {};
-if (way !== null) {
-  const points = [...Array(way.band.length).keys()].map((k) => new THREE.Vector3(...way.points.slice(3 * k, 3 * k + 3)));
-  const rings = ringsOf(points);
-  const inner = tube(kinds.path, points.length, new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.DoubleSide }));
-  const outer = tube(kinds.path, points.length, skin(0x6b7785, 0.22));
-  outer.material.side = THREE.DoubleSide;
-  const cone = new THREE.Mesh(
-    new THREE.ConeGeometry(0.012 * settings.length, 0.04 * settings.length, 24), new THREE.MeshBasicMaterial({ color: INK.light }));
-  kinds.path.add(cone);
-  const palette = shades(settings.stops);
-  const span = way.colours[1] - way.colours[0];
-  way.quantile.forEach(function (size, k) {
-    const place = (span > 0 ? (size - way.colours[0]) / span : 1) * (palette.length - 1);
-    const colour = palette[Math.round(Math.min(Math.max(place, 0), palette.length - 1))];
-    for (let step = 0; step < RING; step += 1) {
-      inner.geometry.attributes.color.array.set(colour, 3 * (k * RING + step));
-    }
-  });
-  // the slider widens the tubes in proportion
-  showPath = function (value) {
-    const times = (way.times * value) / settings.factor;
-    element("path-times").textContent = three(times);
-    for (const [mesh, radii] of [[inner, way.quantile], [outer, way.band]]) {
-      const places = mesh.geometry.attributes.position;
-      rings.forEach((ring, k) => ring.forEach((out, step) =>
-        places.array.set(points[k].clone().addScaledVector(out, times * radii[k]).toArray(), 3 * (k * RING + step))));
-      places.needsUpdate = true;
-    }
-    // its point touches the outer tube from above
-    cone.rotation.set(-Math.PI / 2, 0, 0);
-    cone.position.copy(points[way.worst]);
-    cone.position.z += times * way.band[way.worst] + 0.02 * settings.length;
-  };
-}
+const points = [...Array(layer.band.length).keys()].map((k) => new THREE.Vector3(...layer.points.slice(3 * k, 3 * k + 3)));
+const rings = ringsOf(points);
+const inner = tube(group, points.length, new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.DoubleSide }));
+const outer = tube(group, points.length, skin(0x6b7785, 0.22));
+outer.material.side = THREE.DoubleSide;
+const cone = new THREE.Mesh(
+  new THREE.ConeGeometry(0.012 * settings.length, 0.04 * settings.length, 24), new THREE.MeshBasicMaterial({ color: INK.light }));
+group.add(cone);
+const palette = shades(settings.stops);
+const span = layer.colours[1] - layer.colours[0];
+layer.quantile.forEach(function (size, k) {
+  const place = (span > 0 ? (size - layer.colours[0]) / span : 1) * (palette.length - 1);
+  const colour = palette[Math.round(Math.min(Math.max(place, 0), palette.length - 1))];
+  for (let step = 0; step < RING; step += 1) {
+    inner.geometry.attributes.color.array.set(colour, 3 * (k * RING + step));
+  }
+});
+// the slider widens the tubes in proportion
+magnified.push(function (value) {
+  const times = (layer.times * value) / settings.factor;
+  element("path-times").textContent = three(times);
+  for (const [mesh, radii] of [[inner, layer.quantile], [outer, layer.band]]) {
+    const places = mesh.geometry.attributes.position;
+    rings.forEach((ring, k) => ring.forEach((out, step) =>
+      places.array.set(points[k].clone().addScaledVector(out, times * radii[k]).toArray(), 3 * (k * RING + step))));
+    places.needsUpdate = true;
+  }
+  // its point touches the outer tube from above
+  cone.rotation.set(-Math.PI / 2, 0, 0);
+  cone.position.copy(points[layer.worst]);
+  cone.position.z += times * layer.band[layer.worst] + 0.02 * settings.length;
+});
