@@ -11,8 +11,7 @@ import numpy as np
 
 import precision_pin as pp
 from precision_pin import Chain, PrecisionPinError
-from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.forecast import simulate_readings
+from precision_pin.analyses.readings import simulate_readings, stations_of
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import read
 from precision_pin.statistics import Specification

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.test_factory import dh_flange, write_conf
-from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.forecast import simulate_readings
+from precision_pin.analyses.readings import simulate_readings, stations_of
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import example_urdfs

@@ -48,10 +48,8 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     """
     import numpy as np
 
-    from precision_pin.analyses.calibration.data import cycles_csv, readings_csv
-    from precision_pin.analyses.calibration.design import measurement_of as known_measurement
-    from precision_pin.analyses.calibration.design import stations_of
-    from precision_pin.analyses.calibration.forecast import as_measured, simulate_readings
+    from precision_pin.analyses.readings import as_measured, cycles_csv, readings_csv, simulate_readings, stations_of
+    from precision_pin.analyses.readings import measurement_of as known_measurement
     from precision_pin.base.arguments import check_whole
     from precision_pin.base.errors import visible
     from precision_pin.draws.draw import MOST_VISITS

@@ -104,7 +104,7 @@ LENGTHS_AGREE: Final = 1e-6
 class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams and segments share
     """Section of a beam, from its material and dimensions or as rigidities. Every number may be random.
 
-    See :class:`~precision_pin.sources.beam.Beam` for the settings.
+    See ``beam`` for the settings.
     """
 
     section: Literal["tube", "rod", "box", "general"] | None = None

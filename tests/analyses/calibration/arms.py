@@ -5,8 +5,7 @@ from functools import cache
 import numpy as np
 
 import precision_pin as pp
-from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.forecast import as_measured, simulate_readings
+from precision_pin.analyses.readings import as_measured, simulate_readings, stations_of
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import JointCompliance, JointOffset, Length
 

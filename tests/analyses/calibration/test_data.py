@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.data import CalibrationData, read_data
-from precision_pin.analyses.calibration.design import Instruments, stations_of
+from precision_pin.analyses.calibration.design import Instruments
 from precision_pin.analyses.calibration.fit import Problem
 from precision_pin.analyses.calibration.start import first_guess
+from precision_pin.analyses.readings import stations_of
 from precision_pin.base import se3
 from precision_pin.sources import JointOffset, Payload
 from support.plain_robot import inserted

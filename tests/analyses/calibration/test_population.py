@@ -9,10 +9,9 @@ from scipy import optimize, stats
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, random_poses
 from precision_pin.analyses.calibration import population
-from precision_pin.analyses.calibration.design import stations_of
-from precision_pin.analyses.calibration.forecast import simulate_readings
 from precision_pin.analyses.calibration.population import Evidence, variance_components
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.readings import simulate_readings, stations_of
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import JointOffset, Length
 from support.refusals import check_refused

@@ -30,6 +30,7 @@ from precision_pin.analyses.calibration.forecast import (
 )
 from precision_pin.analyses.calibration.start import nominal_distance
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.readings import measurements_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
 from precision_pin.base.arrays import Array, Keys, Record
@@ -262,7 +263,7 @@ def calibrate(
         InputError: The data are wrong, nothing varies from robot to robot or no reading sees it, or the fit does not
             settle.
     """
-    measurements = design.measurements_of(model, measurement, has_data=True)
+    measurements = measurements_of(model, measurement, has_data=True)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
     fitted, held = _held(model, only)

@@ -25,6 +25,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from precision_pin.analyses.readings import COLUMNS, joint_cells
 from precision_pin.base import csv_columns, se3, units
 from precision_pin.base.arguments import check_numbers, check_path
 from precision_pin.base.arrays import Array, Record
@@ -34,17 +35,8 @@ from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.configurations import joint_quantity
-from precision_pin.robot.trajectory import joint_columns
 from precision_pin.sheet.measurement import Measurement, written_sums
 
-COLUMNS: Final = {
-    "position": ("x", "y", "z"),
-    "pose": ("x", "y", "z", "rx", "ry", "rz"),
-    "distance": ("distance",),
-    "plane": ("height",),
-    "socket": ("x", "y", "z"),
-}
-"""Names of the numbers of a reading, by kind: lengths, or angles if they start with r."""
 _CONTACT: Final = ("plane", "socket")
 """Kinds whose readings default to zero."""
 _LARGEST_TURN: Final = 4 * np.pi
@@ -410,41 +402,8 @@ def _wrong(path: str, message: str, line: int | None = None) -> InputError:
 
 def poses_csv(chain: Chain, q: Array) -> str:
     """Return joint values ``(n, P)`` as ``--trajectory`` reads them, in degrees and mm."""
-    headings, columns = _joints(chain, q)
+    headings, columns = joint_cells(chain, q)
     return csv_text(headings, zip(*columns, strict=True))
-
-
-def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float, comments: Sequence[str]) -> str:
-    """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below comments."""
-    headings, columns = _joints(chain, q)
-    more, values = _readings(COLUMNS[kind], readings)
-    stds = [f"{1e3 * std:.6f}"] * len(readings)
-    return csv_text([*headings, *more, "std [mm]"], zip(*columns, *values, stds, strict=True), comments)
-
-
-def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:
-    """Return measured cycles as ``iso9283 --measured`` reads them.
-
-    The readings ``(P·n, m)``, m and rad, of kind ``"position"`` or ``"pose"``, are all cycles of one pose after
-    another.
-    """
-    more, values = _readings(COLUMNS[kind], readings)
-    visits = [(name, str(cycle)) for name in names for cycle in range(1, cycles + 1)]
-    rows = zip(visits, *values, strict=True)
-    return csv_text(["pose", "cycle", *more], ((*visit, *cells) for visit, *cells in rows), comments)
-
-
-def _joints(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
-    columns = joint_columns(chain.joint_names, chain.prismatic)
-    # 1e-12 degrees: the rounding of a conversion from degrees and back
-    values = [(row / one.factor).tolist() for one, row in zip(columns, q, strict=True)]
-    return [one.heading for one in columns], [[repr(round(value, 12)) for value in row] for row in values]
-
-
-def _readings(names: Sequence[str], readings: Array) -> tuple[list[str], list[list[str]]]:
-    """Return headings with units, and the columns of the readings, to 1 nm and 1 nrad."""
-    headings = [f"{name} [{'mrad' if name.startswith('r') else 'mm'}]" for name in names]
-    return headings, [[f"{value:.6f}" for value in column] for column in (1e3 * readings.T).tolist()]
 
 
 def check_data(model: ErrorModel, data: CalibrationData) -> Iterator[Finding]:

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, wraps
 from itertools import compress
-from typing import ClassVar, Final, NamedTuple, ParamSpec, TypeVar
+from typing import ClassVar, Final, ParamSpec, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -32,6 +32,7 @@ from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.readings import Station, columns_of_scope, measurement_of, scope_covariance, stations_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array, Keys, Record
@@ -78,7 +79,7 @@ class UnitNumbers:
     @classmethod
     def of(cls, space: Space) -> UnitNumbers:
         """Return the numbers of a space; raise if nothing varies from robot to robot."""
-        columns = _columns(space, Scope.UNIT)
+        columns = columns_of_scope(space, Scope.UNIT)
         std = np.sqrt(space.block_covariance.variances[columns])
         columns, std = columns[std > 0], std[std > 0]
         if not columns.size:
@@ -110,51 +111,9 @@ class UnitNumbers:
         return x
 
 
-def _columns(space: Space, scope: Scope) -> NDArray[np.intp]:
-    found = [
-        np.arange(s.start, s.stop) for draw, s in zip(space.draws, space.slices, strict=True) if draw.scope is scope
-    ]
-    return np.concatenate([np.zeros(0, dtype=np.intp), *found]).astype(np.intp)
-
-
-def _scope_covariance(at: PoseModel, scope: Scope) -> Array:
-    columns = _columns(at.space, scope)
-    slopes = at.jacobian[:, columns]
-    return np.asarray(slopes @ at.space.block_covariance.within(columns) @ slopes.T)
-
-
 def repeat_covariance(at: PoseModel) -> Array:
     """Return the covariance ``(6, 6)`` of the tip's error by pose- and visit-scope numbers, which no fit removes."""
-    return sum((_scope_covariance(at, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
-
-
-class Station(NamedTuple):
-    """A pose where readings are taken: the model there, and the indices of its readings."""
-
-    at: PoseModel
-    rows: tuple[int, ...]
-
-    def noise(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
-        """Return the covariance of the numbers read here, ``(M, M)``.
-
-        ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``variances`` ``(M,)`` the instrument's;
-        numbers of one of ``visits`` ``(M,)`` were read together.
-        """
-        each = by_error @ _scope_covariance(self.at, Scope.VISIT) @ by_error.T
-        common = by_error @ _scope_covariance(self.at, Scope.POSE) @ by_error.T
-        return np.asarray(np.diag(variances) + each * (visits[:, None] == visits) + common)
-
-    def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
-        """Return the lower triangular root of :meth:`noise`; raise if the instrument's part is lost in rounding."""
-        noise = self.noise(by_error, variances, visits)
-        try:
-            return np.asarray(np.linalg.cholesky(noise), dtype=float)
-        except np.linalg.LinAlgError:
-            widest, least = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(variances.min()))
-            raise InputError(
-                f"numbers of scope visit or pose spread a reading by {widest:.3g}, beside which the instrument's standard "
-                f"deviation of {least:.3g} is lost in rounding; give smaller tolerances, or a larger deviation"
-            ) from None
+    return sum((scope_covariance(at, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
 
 
 def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]]:
@@ -168,60 +127,6 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
     if not values.shape[1]:
         raise InputError("no poses; give at least one")
     return values, names
-
-
-def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
-    """Return the measurement given, or the sheet's; raise for an unknown std without readings to estimate it."""
-    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
-    found = measurement if measurement is not None or model.sheet is None else model.sheet.measurement
-    if found is None:
-        raise InputError(
-            "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
-        )
-    check_instance("measurement", found, Measurement, "pp.Measurement(kind=..., std=...)")
-    if not found.std_known and not has_data:
-        raise InputError(
-            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
-        )
-    return found
-
-
-def measurements_of(
-    model: ErrorModel, given: Measurement | Sequence[Measurement] | None, *, has_data: bool = False
-) -> tuple[Measurement, ...]:
-    """Return the measurement or measurements given, or the sheet's, as :func:`measurement_of` does."""
-    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
-    if given is None and model.sheet is not None and model.sheet.measurements:
-        return model.sheet.measurements
-    listed = given if isinstance(given, list | tuple) and given else (given,)
-    return tuple(measurement_of(model, one, has_data=has_data) for one in listed)
-
-
-def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
-    """Return the model as measured: errors are those of the tip, to which targets are relative, under its load then."""
-    chain = model.chain.with_target((0.0, 0.0, 0.0)) if model.chain.target.any() else model.chain
-    if measurement.load is None:
-        return model if chain is model.chain else model.like(chain, model.space)
-    is_kept = [not source.is_put_down for source in model.sources]
-    # the numbers of absent payloads stay in the space and change nothing
-    other = model.like(chain, model.space)
-    other.sources = (*compress(model.sources, is_kept), *measurement.load)
-    other.labels = (*compress(model.labels, is_kept), *(f"load[{k + 1}]" for k in range(len(measurement.load))))
-    return other
-
-
-def stations_of(
-    model: ErrorModel, values: Array, measurement: Measurement, approaches: NDArray[np.int8] | None = None
-) -> tuple[Station, ...]:
-    """Return a station for each distinct pose of ``(n, P)``, in order, with the columns that hold it."""
-    known = np.zeros(values.shape, dtype=np.int8) if approaches is None else approaches
-    rows: dict[bytes, list[int]] = {}
-    for k in range(values.shape[1]):
-        rows.setdefault((values[:, k] + 0.0).tobytes() + known[:, k].tobytes(), []).append(k)
-    first = np.array([listed[0] for listed in rows.values()], dtype=np.intp)
-    given = None if approaches is None else np.ascontiguousarray(approaches[:, first])
-    models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]), given)
-    return tuple(Station(at, tuple(listed)) for at, listed in zip(models, rows.values(), strict=True))
 
 
 def stack_at_means(

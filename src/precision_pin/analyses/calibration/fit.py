@@ -31,12 +31,12 @@ from precision_pin.analyses.calibration.design import (
     NEGLIGIBLE,
     Estimator,
     Instruments,
-    Station,
     UnitNumbers,
     stations_of_data,
     without,
 )
 from precision_pin.analyses.calibration.start import REWEIGHED, first_guess, readings_in_base, reweighed_sizes
+from precision_pin.analyses.readings import Station
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError

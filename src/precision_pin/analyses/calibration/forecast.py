@@ -22,13 +22,13 @@ from precision_pin.analyses.calibration.design import Estimator, Identifiability
 from precision_pin.analyses.calibration.fit import LEVEL, Problem
 from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.readings import measurement_of, simulate_readings, stations_of, with_later_draws
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_items, check_name, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
-from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Estimates, Space
@@ -38,7 +38,7 @@ from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_grids import random_poses
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sheet.measurement import KINDS, Measurement
+from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import quantile_ranks
 
 ROBOTS: Final = 10_000
@@ -473,11 +473,11 @@ def forecast_calibration(
     Raises:
         InputError: Nothing varies from robot to robot, or the poses are wrong.
     """
-    measurement = design.measurement_of(model, measurement)
+    measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     values, _ = design.read_poses(model, poses)
     unit = design.UnitNumbers.of(model.space)
-    stations = design.stations_of(model, values, measurement)
+    stations = stations_of(model, values, measurement)
     by_z, by_nuisance = design.stack_at_means(stations, unit, measurement)
     estimator = Estimator.of(design.flat(by_z), design.flat(by_nuisance), has_prior=True)
     tasks = design.task_poses(model, at, values)
@@ -541,8 +541,6 @@ def _remarks(found: design.Identifiability, model: ErrorModel, unit: design.Unit
 _STEPS: Final = 30
 _SETTLED: Final = 1e-9
 """Largest change of z at which the estimates have settled."""
-_POSES: Final = 100_000
-"""Poses of each kind in the random streams."""
 _TASK_POSE: Final = 1 << 19
 """Number of the first of the user's poses in the random streams, beyond all measured ones."""
 
@@ -578,11 +576,11 @@ def simulate_calibrations(
 
     Estimates satisfy the first-order normal equations at the means, with exact residuals. Bounds of laws are ignored.
     """
-    measurement = design.measurement_of(model, measurement)
+    measurement = measurement_of(model, measurement)
     check_whole("the number of robots", robots, 1, 10**6)
     values, _ = design.read_poses(model, poses)
     unit = design.UnitNumbers.of(model.space)
-    stations = design.stations_of(model, values, measurement)
+    stations = stations_of(model, values, measurement)
     x = model.space.sample(seed, 0, robots)
     readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
     by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement))
@@ -618,52 +616,7 @@ def simulate_calibrations(
     chi_square: Array = (residuals**2).sum(axis=0) + (z**2).sum(axis=0)
     errors = []
     for k, (_, one) in enumerate(design.task_poses(model, at, values)):
-        later = _with_later_draws(model, x, seed, _TASK_POSE + k)
+        later = with_later_draws(model, x, seed, _TASK_POSE + k)
         errors.append(one.exact(later) - one.exact(unit.components(model.space, z)))
     truth = np.asarray(np.linalg.lstsq(unit.root, x[unit.columns] - unit.mean[:, None], rcond=None)[0], dtype=float)
     return SimulatedCalibrations(np.array(errors), z, truth, chi_square, len(by_z) - estimator.nuisance_rank)
-
-
-def simulate_readings(
-    stations: tuple[design.Station, ...],
-    measurement: Measurement,
-    model: ErrorModel,
-    *,
-    robots: int = 1,
-    seed: int = 0,
-    first: int = 0,
-) -> Array:
-    """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
-
-    Robots ``first … first + robots - 1`` are those of `precision_pin.monte_carlo` with this seed, which the noise uses too;
-    stations are the poses in the order of the random streams. Each kind of measurement has its own noise and visits.
-    """
-    x = model.space.sample(seed, first, robots)
-    count, kind = sum(len(station.rows) for station in stations), KINDS.index(measurement.kind)
-    noise = np.random.default_rng([seed, 1, first, kind]).standard_normal((count, measurement.size, robots))
-    readings = measurement.deviations[:, None] * noise
-    set_up = np.zeros((len(measurement.nuisances), robots))
-    for number, station in enumerate(stations):
-        for visit, row in enumerate(station.rows):
-            errors = station.at.exact(_with_later_draws(model, x, seed, kind * _POSES + number, visit, first))
-            readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
-    return readings
-
-
-def as_measured(readings: Array, stations: tuple[design.Station, ...], measurement: Measurement) -> Array:
-    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes."""
-    if measurement.kind != "pose":
-        return readings
-    result = readings.copy()
-    for station in stations:
-        rows = list(station.rows)
-        turned = np.einsum("ijn,jk->ikn", se3.exp_rotation(readings[rows, 3:].T), station.at.posture.pose[:3, :3])
-        result[rows, 3:] = se3.log_rotation(turned).T
-    return result
-
-
-def _with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: int = 0, first: int = 0) -> Array:
-    """Return component values ``(d, N)`` of the same robots at another pose and visit."""
-    if all(draw.scope is Scope.UNIT for draw in model.space.draws):
-        return x
-    return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)

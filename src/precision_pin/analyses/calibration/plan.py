@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from precision_pin.analyses.calibration import design as linear
 from precision_pin.analyses.calibration.forecast import PosesOutcome, doubt_contact, errors_left, seen_poses
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.readings import Station, measured_model, measurement_of
 from precision_pin.base.arguments import check_choice, check_items, check_whole
 from precision_pin.base.arrays import Array, Keys
 from precision_pin.base.errors import Finding, InputError
@@ -445,7 +446,7 @@ def plan_calibration(
         InputError: Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no
             candidate sees anything.
     """
-    measurement = linear.measurement_of(model, measurement)
+    measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
@@ -471,8 +472,8 @@ def plan_calibration(
     _refuse_copies(values)
     unit = linear.UnitNumbers.of(model.space)
     # each candidate by itself: one reading at its own pose
-    each = linear.measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
-    stations = tuple(linear.Station(one, (k,)) for k, one in enumerate(each))
+    each = measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
+    stations = tuple(Station(one, (k,)) for k, one in enumerate(each))
     by_z, by_nuisance = linear.stack_at_means(stations, unit, measurement)
     linear.refuse_where_nothing_is_seen(
         linear.of_stack(unit.names, linear.flat(by_z), linear.flat(by_nuisance), measurement.nuisances, total)
@@ -500,7 +501,7 @@ def plan_calibration(
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
     estimator = linear.Estimator.of(linear.flat(by_z[chosen]), linear.flat(by_nuisance[chosen]), has_prior=True)
     nominal = np.array([stations[k].at.posture.pose for k in chosen])
-    own = tuple(linear.Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
+    own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
     found = linear.determined_by(own, unit, measurement)
     return CalibrationPlan(
         provenance=Provenance.of(model, seed),

@@ -21,6 +21,7 @@ from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration.calibrate import CalibrationResult, measured_problem, without_gross_errors
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.analyses.readings import measurements_of
 from precision_pin.analyses.result import Outcome
 from precision_pin.base import se3, units
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_number, check_path
@@ -233,8 +234,8 @@ def _evidence(
     if found is not None:
         if "data" not in found or (found.get("prior") and not found.get("at_bounds")):
             return _of_calibration(model, unit, found, file)
-        robot = _readings(found, file, design.measurements_of(model, measurement))
-    given, _, whole = measured_problem(model, robot, design.measurements_of(model, measurement))
+        robot = _readings(found, file, measurements_of(model, measurement))
+    given, _, whole = measured_problem(model, robot, measurements_of(model, measurement))
     used, best, _ = without_gross_errors(whole, given, has_prior=True)
     by_number, by_nuisance = used.slopes(best.z, best.nuisances, plain=True)
     numbers = (unit.values(best.z) - unit.mean) / unit.std

@@ -1,0 +1,213 @@
+"""Readings of an instrument: the poses where they are taken, readings of simulated robots, and their files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import compress
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.base import se3
+from precision_pin.base.arguments import check_instance
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.files import csv_text
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.chain import Chain
+from precision_pin.robot.trajectory import joint_columns
+from precision_pin.sheet.measurement import KINDS, Measurement
+
+COLUMNS: Final = {
+    "position": ("x", "y", "z"),
+    "pose": ("x", "y", "z", "rx", "ry", "rz"),
+    "distance": ("distance",),
+    "plane": ("height",),
+    "socket": ("x", "y", "z"),
+}
+"""Names of the numbers of a reading, by kind: lengths, or angles if they start with r."""
+
+
+def columns_of_scope(space: Space, scope: Scope) -> NDArray[np.intp]:
+    """Return the columns of the numbers that are drawn for a scope."""
+    found = [
+        np.arange(s.start, s.stop) for draw, s in zip(space.draws, space.slices, strict=True) if draw.scope is scope
+    ]
+    return np.concatenate([np.zeros(0, dtype=np.intp), *found]).astype(np.intp)
+
+
+def scope_covariance(at: PoseModel, scope: Scope) -> Array:
+    """Return the covariance ``(6, 6)`` of the error by the numbers of a scope, first order."""
+    columns = columns_of_scope(at.space, scope)
+    slopes = at.jacobian[:, columns]
+    return np.asarray(slopes @ at.space.block_covariance.within(columns) @ slopes.T)
+
+
+class Station(NamedTuple):
+    """A pose where readings are taken: the model there, and the indices of its readings."""
+
+    at: PoseModel
+    rows: tuple[int, ...]
+
+    def noise(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
+        """Return the covariance of the numbers read here, ``(M, M)``.
+
+        ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``variances`` ``(M,)`` the instrument's;
+        numbers of one of ``visits`` ``(M,)`` were read together.
+        """
+        each = by_error @ scope_covariance(self.at, Scope.VISIT) @ by_error.T
+        common = by_error @ scope_covariance(self.at, Scope.POSE) @ by_error.T
+        return np.asarray(np.diag(variances) + each * (visits[:, None] == visits) + common)
+
+    def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
+        """Return the lower triangular root of :meth:`noise`; raise if the instrument's part is lost in rounding."""
+        noise = self.noise(by_error, variances, visits)
+        try:
+            return np.asarray(np.linalg.cholesky(noise), dtype=float)
+        except np.linalg.LinAlgError:
+            widest, least = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(variances.min()))
+            raise InputError(
+                f"numbers of scope visit or pose spread a reading by {widest:.3g}, beside which the instrument's standard "
+                f"deviation of {least:.3g} is lost in rounding; give smaller tolerances, or a larger deviation"
+            ) from None
+
+
+def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
+    """Return the measurement given, or the sheet's; raise for an unknown std without readings to estimate it."""
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    found = measurement if measurement is not None or model.sheet is None else model.sheet.measurement
+    if found is None:
+        raise InputError(
+            "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
+        )
+    check_instance("measurement", found, Measurement, "pp.Measurement(kind=..., std=...)")
+    if not found.std_known and not has_data:
+        raise InputError(
+            "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
+        )
+    return found
+
+
+def measurements_of(
+    model: ErrorModel, given: Measurement | Sequence[Measurement] | None, *, has_data: bool = False
+) -> tuple[Measurement, ...]:
+    """Return the measurement or measurements given, or the sheet's, as :func:`measurement_of` does."""
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    if given is None and model.sheet is not None and model.sheet.measurements:
+        return model.sheet.measurements
+    listed = given if isinstance(given, list | tuple) and given else (given,)
+    return tuple(measurement_of(model, one, has_data=has_data) for one in listed)
+
+
+def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
+    """Return the model as measured: errors are those of the tip, to which targets are relative, under its load then."""
+    chain = model.chain.with_target((0.0, 0.0, 0.0)) if model.chain.target.any() else model.chain
+    if measurement.load is None:
+        return model if chain is model.chain else model.like(chain, model.space)
+    is_kept = [not source.is_put_down for source in model.sources]
+    # the numbers of absent payloads stay in the space and change nothing
+    other = model.like(chain, model.space)
+    other.sources = (*compress(model.sources, is_kept), *measurement.load)
+    other.labels = (*compress(model.labels, is_kept), *(f"load[{k + 1}]" for k in range(len(measurement.load))))
+    return other
+
+
+def stations_of(
+    model: ErrorModel, values: Array, measurement: Measurement, approaches: NDArray[np.int8] | None = None
+) -> tuple[Station, ...]:
+    """Return a station for each distinct pose of ``(n, P)``, in order, with the columns that hold it."""
+    known = np.zeros(values.shape, dtype=np.int8) if approaches is None else approaches
+    rows: dict[bytes, list[int]] = {}
+    for k in range(values.shape[1]):
+        rows.setdefault((values[:, k] + 0.0).tobytes() + known[:, k].tobytes(), []).append(k)
+    first = np.array([listed[0] for listed in rows.values()], dtype=np.intp)
+    given = None if approaches is None else np.ascontiguousarray(approaches[:, first])
+    models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]), given)
+    return tuple(Station(at, tuple(listed)) for at, listed in zip(models, rows.values(), strict=True))
+
+
+_POSES: Final = 100_000
+"""Poses of each kind in the random streams."""
+
+
+def simulate_readings(
+    stations: tuple[Station, ...],
+    measurement: Measurement,
+    model: ErrorModel,
+    *,
+    robots: int = 1,
+    seed: int = 0,
+    first: int = 0,
+) -> Array:
+    """Return readings ``(P, m, N)`` of robots by the exact model, with the set-up at its nominal values.
+
+    Robots ``first … first + robots - 1`` are those of `precision_pin.monte_carlo` with this seed, which the noise uses too;
+    stations are the poses in the order of the random streams. Each kind of measurement has its own noise and visits.
+    """
+    x = model.space.sample(seed, first, robots)
+    count, kind = sum(len(station.rows) for station in stations), KINDS.index(measurement.kind)
+    noise = np.random.default_rng([seed, 1, first, kind]).standard_normal((count, measurement.size, robots))
+    readings = measurement.deviations[:, None] * noise
+    set_up = np.zeros((len(measurement.nuisances), robots))
+    for number, station in enumerate(stations):
+        for visit, row in enumerate(station.rows):
+            errors = station.at.exact(with_later_draws(model, x, seed, kind * _POSES + number, visit, first))
+            readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
+    return readings
+
+
+def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Measurement) -> Array:
+    """Return readings ``(P, m)`` of one robot as an instrument gives them, in the axes of a known base: whole attitudes."""
+    if measurement.kind != "pose":
+        return readings
+    result = readings.copy()
+    for station in stations:
+        rows = list(station.rows)
+        turned = np.einsum("ijn,jk->ikn", se3.exp_rotation(readings[rows, 3:].T), station.at.posture.pose[:3, :3])
+        result[rows, 3:] = se3.log_rotation(turned).T
+    return result
+
+
+def with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: int = 0, first: int = 0) -> Array:
+    """Return component values ``(d, N)`` of the same robots at another pose and visit."""
+    if all(draw.scope is Scope.UNIT for draw in model.space.draws):
+        return x
+    return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)
+
+
+def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float, comments: Sequence[str]) -> str:
+    """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below comments."""
+    headings, columns = joint_cells(chain, q)
+    more, values = _readings(COLUMNS[kind], readings)
+    stds = [f"{1e3 * std:.6f}"] * len(readings)
+    return csv_text([*headings, *more, "std [mm]"], zip(*columns, *values, stds, strict=True), comments)
+
+
+def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:
+    """Return measured cycles as ``iso9283 --measured`` reads them.
+
+    The readings ``(P·n, m)``, m and rad, of kind ``"position"`` or ``"pose"``, are all cycles of one pose after
+    another.
+    """
+    more, values = _readings(COLUMNS[kind], readings)
+    visits = [(name, str(cycle)) for name in names for cycle in range(1, cycles + 1)]
+    rows = zip(visits, *values, strict=True)
+    return csv_text(["pose", "cycle", *more], ((*visit, *cells) for visit, *cells in rows), comments)
+
+
+def joint_cells(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
+    """Return headings with units, and the columns of joint values ``(n, P)``."""
+    columns = joint_columns(chain.joint_names, chain.prismatic)
+    # 1e-12 degrees: the rounding of a conversion from degrees and back
+    values = [(row / one.factor).tolist() for one, row in zip(columns, q, strict=True)]
+    return [one.heading for one in columns], [[repr(round(value, 12)) for value in row] for row in values]
+
+
+def _readings(names: Sequence[str], readings: Array) -> tuple[list[str], list[list[str]]]:
+    """Return headings with units, and the columns of the readings, to 1 nm and 1 nrad."""
+    headings = [f"{name} [{'mrad' if name.startswith('r') else 'mm'}]" for name in names]
+    return headings, [[f"{value:.6f}" for value in column] for column in (1e3 * readings.T).tolist()]
