@@ -28,7 +28,7 @@ from precision_pin.cli.program import list_commands, list_groups, load_command
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.sheet.measurement import MeasurementEntry
-from precision_pin.sheet.schema import Document, json_schema, used_quantities
+from precision_pin.sheet.schema import document_model, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
 from precision_pin.terms.source import Source, setting_meanings, takes_law
@@ -46,17 +46,19 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
 
 
-def key_names(model: type[BaseModel] = Document) -> str:
+def key_names(model: type[BaseModel] | None = None) -> str:
     """Return the names of the keys of a sheet's top level, those that are needed first."""
-    fields = {field.alias or name: field.is_required() for name, field in model.model_fields.items()}
+    fields = {
+        field.alias or name: field.is_required() for name, field in (model or document_model()).model_fields.items()
+    }
     first, then = ([f"`{name}`" for name, is_needed in fields.items() if is_needed is which] for which in (True, False))
     return f"{', '.join(first)} needed; {', '.join(then)}.\n"
 
 
-def keys(model: type[BaseModel] = Document) -> str:
+def keys(model: type[BaseModel] | None = None) -> str:
     """Return the keys of a part of a sheet, of its top level if none is given."""
     rows = []
-    for name, field in model.model_fields.items():
+    for name, field in (model or document_model()).model_fields.items():
         default = field.get_default(call_default_factory=True, validated_data={})
         shown = (
             ", needed"

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from precision_pin.analyses.declaration import Declaration, load
-from precision_pin.base.extensions import find_extensions
+from precision_pin.base.extensions import Extension, find_extensions
 
 FOLDERS: list[str] = [
     "precision_pin.analyses.budget",
@@ -28,8 +28,13 @@ FOLDERS: list[str] = [
 def declarations() -> dict[str, Declaration]:
     """Return the declarations of all analyses by name: those of the package, then those that others install."""
     listed = [import_module(folder).DECLARATION for folder in FOLDERS]
-    listed += [extension.value for extension in find_extensions("analyses", _check) if extension.value is not None]
+    listed += [extension.value for extension in extensions() if not extension.error]
     return {declaration.name: declaration for declaration in listed}
+
+
+def extensions() -> tuple[Extension, ...]:
+    """Return the declarations that other packages install, and those that cannot be used."""
+    return find_extensions("analyses", _check)
 
 
 def _check(declaration: Any) -> str:

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, Final, NamedTuple
 
+from precision_pin.base.errors import Finding, one_line
+
 GROUPS: Final = ("analyses", "sources", "laws")
 """Kinds of extensions; the entry points of each have the group ``precision_pin.KIND``."""
 
@@ -29,6 +31,12 @@ class Extension(NamedTuple):
     value: Any
     error: str
 
+    @property
+    def finding(self) -> Finding:
+        """Warning that an extension is left out."""
+        message = f"{self.name} of {self.package} ({self.place}) is left out: {self.error}"
+        return Finding("warning", "W_EXTENSION", message)
+
 
 @cache
 def find_extensions(kind: str, check: Callable[[Any], str]) -> tuple[Extension, ...]:
@@ -43,7 +51,7 @@ def find_extensions(kind: str, check: Callable[[Any], str]) -> tuple[Extension, 
             value = point.load()
             error = check(value)
         except Exception as problem:  # noqa: BLE001 - code of others can raise anything
-            error = f"{type(problem).__name__}: {problem}"
+            error = one_line(f"{type(problem).__name__}: {problem}")
         package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
         found.append(Extension(point.name, point.value, package, None if error else value, error))
     return tuple(found)

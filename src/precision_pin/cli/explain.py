@@ -97,7 +97,10 @@ def schema() -> None:
 def doctor() -> None:
     """Print the versions and paths that a result depends on; good to put into a bug report."""
     import precision_pin
+    from precision_pin import sources
+    from precision_pin.analyses import registry
     from precision_pin.base.versions import versions
+    from precision_pin.draws import laws
     from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 
     lines = {
@@ -107,5 +110,9 @@ def doctor() -> None:
         "paper's case": f"{PAPER_SHEET} ({'found' if PAPER_SHEET.is_file() else 'MISSING'})",
         "example robots": f"{len(example_urdfs())} (example-robot-data)" if example_urdfs() else "not installed",
     }
+    for kind, found in (("analysis", registry), ("source", sources), ("law", laws)):
+        for extension in found.extensions():
+            said = f"LEFT OUT: {extension.error}" if extension.error else f"{extension.place}, of {extension.package}"
+            lines[f"{kind} {extension.name}"] = said
     width = max(map(len, lines))
     echo_data("\n".join(f"{name:<{width}}  {value}" for name, value in lines.items()))

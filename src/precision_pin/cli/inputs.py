@@ -110,6 +110,10 @@ def _sheet_of(name: str, robot: Path) -> Path:
 
 def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
     """Read the sheet and robot of a command line and print the warnings."""
+    from precision_pin import sources
+    from precision_pin.draws import laws
+
+    echo_warnings([one.finding for one in (*sources.extensions(), *laws.extensions()) if one.error])
     with noted_inputs() as inputs:
         sheet = read_inputs(find_inputs(options["inputs"], sheet_needed=True), options)
     if outputs is not None:

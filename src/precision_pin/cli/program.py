@@ -9,11 +9,12 @@ from importlib import import_module
 import click
 
 from precision_pin.analyses.declaration import DECIDE, MEASURE, UNDERSTAND
-from precision_pin.analyses.registry import declarations
+from precision_pin.analyses.registry import declarations, extensions
 from precision_pin.base import interrupts
 from precision_pin.base.errors import InputError, InternalError, nearest, one_line, shown
 from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
 from precision_pin.cli.streams import messages, prepare_streams, raise_if_output_lost, shortage
+from precision_pin.cli.terminal import echo_warnings
 
 
 class LateGroup(click.Group):
@@ -37,7 +38,8 @@ class LateGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
-        """Run the command; Ctrl-C ends it."""
+        """Run the command, after a warning about analyses of others that cannot be used; Ctrl-C ends it."""
+        echo_warnings([one.finding for one in extensions() if one.error])
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:

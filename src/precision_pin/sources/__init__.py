@@ -11,7 +11,7 @@ import inspect
 import pkgutil
 from functools import cache
 
-from precision_pin.base.extensions import find_extensions
+from precision_pin.base.extensions import Extension, find_extensions
 from precision_pin.terms.source import Source
 
 __all__ = ["catalogue"]
@@ -20,8 +20,13 @@ __all__ = ["catalogue"]
 @cache
 def catalogue() -> dict[str, type[Source]]:
     """Return every kind of source by its name in a sheet, those that other packages install included."""
-    installed = (extension.value for extension in find_extensions("sources", _check) if extension.value is not None)
+    installed = (extension.value for extension in extensions() if not extension.error)
     return dict(sorted((_own_kinds() | {kind.kind(): kind for kind in installed}).items()))
+
+
+def extensions() -> tuple[Extension, ...]:
+    """Return the kinds that other packages install, and those that cannot be used."""
+    return find_extensions("sources", _check)
 
 
 def _check(kind: object) -> str:

@@ -13,7 +13,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Final
 
-from precision_pin.base.extensions import find_extensions
+from precision_pin.base.extensions import Extension, find_extensions
 from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.lognormal import Lognormal
 from precision_pin.draws.laws.measured import Empirical, JointNormal, Rows, TwoPoint
@@ -69,8 +69,13 @@ LAWS: Final[tuple[type[Law], ...]] = (
 
 def laws_of_sheets() -> Mapping[str, type[Law]]:
     """Return every law that a sheet can name, by its key, those that other packages install included."""
-    installed = (extension.value for extension in find_extensions("laws", _check) if extension.value is not None)
+    installed = (extension.value for extension in extensions() if not extension.error)
     return _by_key((*LAWS, *installed))
+
+
+def extensions() -> tuple[Extension, ...]:
+    """Return the laws that other packages install, and those that cannot be used."""
+    return find_extensions("laws", _check)
 
 
 def _check(law: object) -> str:
