@@ -1,0 +1,95 @@
+"""Loads of an arm, the terms that they cause, and the compliance of its end-effector, by source.
+
+What an analysis of stiffness may know: it asks here, and imports no source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from precision_pin.base.arrays import Array
+from precision_pin.model.pose_model import PoseModel
+from precision_pin.robot.places import Load
+from precision_pin.terms.table import TermTable
+from precision_pin.terms.term import Term
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.chain import Posture
+    from precision_pin.robot.configurations import ApproachedPose
+
+    Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
+
+OWN: Final = "arm"
+"""Key of the weights of the URDF's links."""
+
+
+def loads_of(model: ErrorModel, q: Pose = None) -> dict[str, tuple[Load, ...]]:
+    """Return the loads at a pose: the weights of the URDF's links under :data:`OWN`, those of sources by label.
+
+    Args:
+        q: The pose, as for :meth:`~precision_pin.model.error_model.ErrorModel.at`.
+    """
+    bare = replace(model.at(q).posture, loads=model.chain.loads, tilts=())
+    of_sources = {
+        label: tuple(source.loads(bare)) for label, source in zip(model.labels, model.bound_sources, strict=True)
+    }
+    return {OWN: bare.loads, **{label: loads for label, loads in of_sources.items() if loads}}
+
+
+def loaded_terms(model: ErrorModel, q: Pose = None) -> dict[str, tuple[Term, ...]]:
+    """Return the terms that loads cause at a pose, by the label of the elastic source that makes them."""
+    return _loaded_terms(model, model.at(q).posture)
+
+
+def compliances_of(model: ErrorModel, q: Pose = None) -> dict[str, Array]:
+    """Return what each elastic source adds to the compliance of the end-effector at a pose, by label.
+
+    A compliance C ``(6, 6)`` gives the displacement ``[d; δ] = C [f; m]`` of the target, m and rad, by a force and a moment
+    on the tip's link, acting at the target, N and N·m, all in base axes. It is that of the undeflected arm, to first
+    order, with every parameter at its mean. The sum over the sources is the compliance of the arm.
+
+    Raises:
+        InputError: A wrong pose; a formula has no value at the means.
+    """
+    posture = model.at(q).posture
+    found: dict[str, Array] = {}
+    for column in range(6):
+        for label, terms in _loaded_terms(model, _under_wrench(posture, column)).items():
+            at = PoseModel(posture, model.space, TermTable.build(posture, model.space, terms), terms)
+            found.setdefault(label, np.zeros((6, 6)))[:, column] = at.linear(model.space.mean[:, None])[:, 0]
+    return found
+
+
+def _loaded_terms(model: ErrorModel, posture: Posture) -> dict[str, tuple[Term, ...]]:
+    found = {
+        label: tuple(term for term in source.terms(posture) if term.loaded)
+        for label, source in zip(model.labels, model.bound_sources, strict=True)
+    }
+    return {label: terms for label, terms in found.items() if terms}
+
+
+def _under_wrench(posture: Posture, column: int) -> Posture:
+    """Return the posture under a unit force along base axis 0 to 2, or a unit moment about axis 3 to 5, and nothing else.
+
+    A mass of 1 kg under gravity of 1 m/s² weighs 1 N. A first moment s without a mass has the moment s × g.
+    """
+    axis, link = column % 3, len(posture.chain.joints)
+    frame = posture.chain.target_placement
+    gravity, moments = np.zeros(3), np.zeros(4)
+    gravity[axis if column < 3 else (axis + 1) % 3] = 1.0
+    if column < 3:
+        moments[0] = 1.0
+    else:
+        first = np.zeros(3)
+        first[(axis + 2) % 3] = -1.0
+        moments[1:] = (posture.link_poses[link] @ frame)[:3, :3].T @ first
+    load = Load(link, frame, posture.chain.placements[-1][:3, 3], along=False, moments=((moments, ()),))
+    chain = replace(posture.chain, gravity=gravity)
+    return replace(posture, chain=chain, loads=(load,), tilts=(), deflection=None)
