@@ -19,9 +19,9 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.worst_case.figure import explain_excess
 from precision_pin.base import se3
 from precision_pin.base.errors import UnknownNameError
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.pages.view import drawing
 from precision_pin.pages.view.drawing import Camera, Cloud, draw_picture, draw_triangles
-from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import display_unit
 from precision_pin.render.scene import Triangles
 from precision_pin.robot.examples import PAPER_SHEET

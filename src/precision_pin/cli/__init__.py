@@ -8,10 +8,7 @@ import sys
 # the first module imported: it imports nothing slow
 from precision_pin.base import interrupts
 
-__all__ = ["EXIT_INPUT", "EXIT_INTERNAL", "EXIT_SPEC", "main"]
-
-EXIT_SPEC, EXIT_INPUT, EXIT_INTERNAL = 1, 2, 3
-"""A signal that ends the program gives 128 + its number."""
+__all__ = ["main"]
 
 
 def main() -> None:

@@ -13,8 +13,8 @@ from click.core import ParameterSource
 
 from precision_pin.analyses.declaration import OUTPUT, Asked, Declaration, Files, Job, Option, WrongUsageError, load
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
-from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
+from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import Outputs, read_sheet, write_folder
 from precision_pin.cli.measurement import measurement_options, measurements_of
 from precision_pin.cli.options import check_workers, compile_sampler, progress_bar, worker_options, working

@@ -10,8 +10,8 @@ import click
 
 from precision_pin.base.errors import Finding
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
-from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
+from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import Outputs, read_sheet, write_folder
 from precision_pin.cli.options import check_workers, compile_sampler, progress_bar, worker_options, working
 from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses, reference_pose

@@ -12,7 +12,7 @@ import click
 
 from precision_pin.analyses.registry import declarations
 from precision_pin.base.errors import Finding, InputError
-from precision_pin.cli import EXIT_INPUT
+from precision_pin.cli.exit_codes import EXIT_INPUT
 from precision_pin.cli.inputs import find_inputs, read_inputs
 from precision_pin.cli.options import Command, Options, chain_options, inputs_argument, output_option, quiet_option
 from precision_pin.cli.streams import echo_data, wrapped
@@ -110,8 +110,7 @@ def mcpc(as_json: bool, **arm: Any) -> None:
     """
     from precision_pin.robot import urdf
     from precision_pin.robot.chain import Chain, chain_findings
-    from precision_pin.robot.mcpc import from_chain
-    from precision_pin.sampling.table import mcpc_table
+    from precision_pin.robot.mcpc import from_chain, mcpc_table
 
     found = find_inputs(arm["inputs"], sheet_needed=False)
     if found.sheet is not None:

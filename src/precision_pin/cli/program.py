@@ -12,7 +12,7 @@ from precision_pin.analyses.declaration import DECIDE, MEASURE, UNDERSTAND
 from precision_pin.analyses.registry import declarations, extensions
 from precision_pin.base import interrupts
 from precision_pin.base.errors import InputError, InternalError, nearest, one_line, shown
-from precision_pin.cli import EXIT_INPUT, EXIT_INTERNAL
+from precision_pin.cli.exit_codes import EXIT_INPUT, EXIT_INTERNAL
 from precision_pin.cli.streams import messages, prepare_streams, raise_if_output_lost, shortage
 from precision_pin.cli.terminal import echo_warnings
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from precision_pin.base.errors import InputError
-from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
+from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import PageOutput, read_sheet
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.page_parts import part_files, part_options, read_parts

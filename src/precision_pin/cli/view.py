@@ -12,8 +12,8 @@ import click
 
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
-from precision_pin.cli import EXIT_SPEC
 from precision_pin.cli import options as shared
+from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import PageOutput, echo_findings, read_sheet
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.page_parts import part_files, part_options, read_parts

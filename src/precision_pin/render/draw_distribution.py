@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.render.display_units import WrittenUnit
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.render.tables import symbol
 from precision_pin.statistics import Distribution, Histogram, SpecificationResult, Verdict, format_inside, format_share
 

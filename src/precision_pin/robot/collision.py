@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Protocol
 
 import coal
 import numpy as np
@@ -24,11 +24,12 @@ from precision_pin.base.arrays import Array
 from precision_pin.robot.mesh_surfaces import MeshReader, UnreadableMeshError, merged
 from precision_pin.robot.places import LinkFrame
 from precision_pin.robot.postures import alignment
-from precision_pin.robot.urdf import Box, Cylinder, Mesh, Shape, Sphere
+from precision_pin.robot.urdf import Box, Cylinder, Mesh, Robot, Shape, Sphere
 
 if TYPE_CHECKING:
-    from precision_pin.robot.chain import Chain
     from precision_pin.robot.collision_loops import Tree
+    from precision_pin.robot.configurations import Configurations
+    from precision_pin.robot.postures import Postures
 
 Obstruction = Literal["", "collision", "kept out"]
 """Whether an arm hits itself, or enters what it must keep out of; empty where neither."""
@@ -135,6 +136,28 @@ class _Check(NamedTuple):
     what: str
 
 
+class Arm(Protocol):
+    """What a check reads of a chain."""
+
+    @property
+    def robot(self) -> Robot: ...  # noqa: D102
+    @property
+    def placements(self) -> Array: ...  # noqa: D102
+    @property
+    def target_placement(self) -> Array: ...  # noqa: D102
+    @property
+    def target(self) -> Array: ...  # noqa: D102
+    @property
+    def gravity(self) -> Array: ...  # noqa: D102
+    @property
+    def link_frames(self) -> Mapping[str, LinkFrame]: ...  # noqa: D102
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def configurations(self) -> Configurations: ...  # noqa: D102
+    def at_columns(self, q: Array) -> Postures: ...  # noqa: D102
+
+
 class CollisionCheck:
     """What an arm can hit. Made once for an arm; a check takes some 0.05 to 0.5 ms a pose.
 
@@ -146,7 +169,7 @@ class CollisionCheck:
         notes: What is looked at, assumed and left out, a line each.
     """
 
-    def __init__(self, arm: Chain, obstacles: Obstacles) -> None:
+    def __init__(self, arm: Arm, obstacles: Obstacles) -> None:
         self._arm = arm
         self.notes: list[str] = []
         bodies = self._read_bodies(obstacles.package_dirs)

@@ -37,6 +37,8 @@ from precision_pin.base.arguments import check_choice, check_instance, check_num
 from precision_pin.base.arrays import Array, read_only
 from precision_pin.base.errors import InputError
 from precision_pin.render.html import Table, rendered
+from precision_pin.render.tables import plain
+from precision_pin.render.text_table import aligned
 
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)
@@ -596,3 +598,15 @@ def _reduce_to_half_turn(angle: float) -> float:
     """Return the angle modulo π, in (-π/2, π/2]; the signs of α, x and y absorb the half turn, β the rest of a tie."""
     folded = math.remainder(angle, math.pi)
     return math.pi / 2 if folded < -math.pi / 2 + TIE else folded + 0.0
+
+
+def mcpc_table(mcpc: Mcpc) -> str:
+    """Return the MCPC parameters in the layout of the paper's Table 1, in degrees and mm."""
+    rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
+    for row in mcpc.table:
+        gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
+        z = "" if row.z is None else plain(1e3 * row.z)
+        turns = [plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
+        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
+        rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
+    return "\n".join(aligned(rows))

@@ -20,8 +20,8 @@ from matplotlib.figure import Figure
 
 from precision_pin.base.errors import InputError, UnknownNameError, visible
 from precision_pin.base.files import write_files
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.render import draw_distribution, figure_style
-from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.tables import pose_labels, symbol
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary

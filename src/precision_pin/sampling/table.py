@@ -12,9 +12,8 @@ import numpy as np
 
 from precision_pin.base.errors import shown, visible
 from precision_pin.model.pose_model import origin_shares
-from precision_pin.render.tables import ROUNDING, absolute, joint_text, plain, pose_labels, resting_on, symbol, unit
+from precision_pin.render.tables import ROUNDING, absolute, joint_text, pose_labels, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned
-from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
 from precision_pin.sampling.result import Correlated, MonteCarloResult
 from precision_pin.statistics import Distribution, Specification, SpecificationResult, format_inside, format_share
@@ -211,18 +210,6 @@ def _verdict(result: SpecificationResult) -> str:
     more = ": more samples decide it" if result.verdict == "undecided" else ""
     samples = f"{{share}} % inside, interval {{low}} to {{high}} %{index}{more}"
     return verdict_line(f"spec {demanded(result)}", result, samples)
-
-
-def mcpc_table(mcpc: Mcpc) -> str:
-    """Return the MCPC parameters in the layout of the paper's Table 1, in degrees and mm."""
-    rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
-    for row in mcpc.table:
-        gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
-        z = "" if row.z is None else plain(1e3 * row.z)
-        turns = [plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
-        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
-        rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
-    return "\n".join(aligned(rows))
 
 
 def _thousandfold(value: float) -> str:

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from precision_pin.analyses.allocation import table as terminal
 from precision_pin.analyses.allocation.allocate import AllocationResult
 from precision_pin.base.errors import visible
-from precision_pin.render.display_units import WrittenUnit
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
 from precision_pin.render.html import items, section, table

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from precision_pin.analyses.compare.compare import ComparisonResult, PoseComparison
 from precision_pin.base.errors import visible
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.render import figure_style
-from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
 from precision_pin.render.tables import symbol
 

@@ -17,10 +17,11 @@ from precision_pin.analyses.pose_axis import mark_poses
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import visible
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import Part, PoseModel
 from precision_pin.render import figure_style
-from precision_pin.render.display_units import WrittenUnit, round_number
+from precision_pin.render.display_units import round_number
 from precision_pin.render.draw_distribution import BLUE, VERMILION
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import escaped, items, paragraph, section, table

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from precision_pin.analyses.iso9283.result import Iso9283Result
 from precision_pin.analyses.iso9283.table import angle_rows, answers, distance_rows, position_rows, setting_lines
 from precision_pin.base.errors import visible
-from precision_pin.render.display_units import WrittenUnit
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
 from precision_pin.render.html import items, paragraph, section, table

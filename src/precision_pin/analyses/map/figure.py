@@ -18,7 +18,8 @@ from precision_pin.analyses.map.map_verdicts import MET, NOT_JUDGED
 from precision_pin.analyses.map.table import answers, worst_rows
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError, shown, visible
-from precision_pin.render.display_units import ColourScale, WrittenUnit
+from precision_pin.base.written_units import WrittenUnit
+from precision_pin.render.display_units import ColourScale
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
 from precision_pin.render.html import Html, escaped, items, paragraph, section, table

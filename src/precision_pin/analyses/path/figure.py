@@ -22,7 +22,8 @@ from precision_pin.analyses.path.table import (
 )
 from precision_pin.analyses.pose_axis import mark_poses
 from precision_pin.base.errors import visible
-from precision_pin.render.display_units import ColourScale, WrittenUnit, round_number
+from precision_pin.base.written_units import WrittenUnit
+from precision_pin.render.display_units import ColourScale, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, style
 from precision_pin.render.html import escaped, items, paragraph, section, table

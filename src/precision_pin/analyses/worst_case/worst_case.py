@@ -23,12 +23,12 @@ from precision_pin.analyses.result import Result, list_warnings, name_pose
 from precision_pin.analyses.supports import Supports
 from precision_pin.base.arrays import Array, Fixed, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.equilibrium import side_variants, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.html import Table
 from precision_pin.render.tables import milli, symbol, unit
 from precision_pin.sampling import Progress, check_samples, monte_carlo

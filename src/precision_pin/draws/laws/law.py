@@ -25,6 +25,7 @@ from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.csv_columns import Measured
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.projection import (
     FARTHEST_NORMAL,
@@ -34,7 +35,6 @@ from precision_pin.draws.laws.projection import (
     moments_by_quadrature,
     score_panels,
 )
-from precision_pin.render.display_units import WrittenUnit
 
 Place = tuple[str | int, ...]
 """Path of keys and indices below the mapping of a law."""

@@ -18,6 +18,7 @@ from precision_pin.base.arrays import Array, returns_read_only
 from precision_pin.base.csv_columns import Measured
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import Quantity
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws.laws.law import (
     DEVIATIONS,
     KernelRow,
@@ -43,7 +44,6 @@ from precision_pin.draws.laws.projection import (
     moments_of,
     triangular_root,
 )
-from precision_pin.render.display_units import WrittenUnit
 
 _COLUMN_FILE: Final = object_schema({"file": {"type": "string"}, "column": {"type": "string"}}, "file")
 _EMPIRICAL_SCHEMA: Final[Mapping[str, Any]] = {

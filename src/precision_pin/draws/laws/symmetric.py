@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.base.arguments import check_number
 from precision_pin.base.arrays import Array
 from precision_pin.base.units import Quantity
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws import lazy_special
 from precision_pin.draws.laws.law import (
     DEVIATIONS,
@@ -34,7 +35,6 @@ from precision_pin.draws.laws.law import (
 )
 from precision_pin.draws.laws.projection import Moments, SymmetricProjection, power_bound
 from precision_pin.draws.philox import direction
-from precision_pin.render.display_units import WrittenUnit
 
 
 class SymmetricLaw(Law):

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from precision_pin.base.arrays import Array
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.pages.view.scales import middle_of
-from precision_pin.render.display_units import WrittenUnit
 from precision_pin.render.html import escaped
 from precision_pin.render.tables import absolute, unit
 from precision_pin.sampling.table import NOTHING_VARIES
