@@ -15,7 +15,8 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sampling import workers as executors
 from precision_pin.sampling.blocks import Work, packages
-from precision_pin.sampling.one_pose import Sampling
+from precision_pin.sampling.one_pose import sample_blocks
+from precision_pin.sampling.run import Run
 from precision_pin.statistics import Plan, Specification, State, start
 from support.waiting import eventually
 
@@ -33,14 +34,14 @@ def work(seed: int = 0, samples: int = SAMPLES, **changed: Any) -> Work:
 def sampled(
     work: Work, workers: executors.Workers, blocks_in_a_task: int | None = None, progress: Any = lambda _: None
 ) -> State:
-    sampling = Sampling(work, start(work.plan), progress, None)
-    sampling.run(workers, blocks_in_a_task)
-    return sampling.state
+    run = Run(workers, progress, start(work.plan))
+    sample_blocks(run, work, blocks_in_a_task)
+    return run.state
 
 
 def in_one_go(work: Work) -> State:
     """Return the state by the kernel's own loop over all blocks, without tasks."""
-    return work.observe(0, work.blocks).add_to(start(work.plan))
+    return work.observe(0, -(-work.samples // BLOCK)).add_to(start(work.plan))
 
 
 def assert_same_bits(first: State, second: State) -> None:

@@ -141,9 +141,9 @@ def test_a_broken_executor_that_was_handed_in_is_told_in_one_line(tmp_path: Path
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         workers = chosen(None, None, pool, None)
         with broken:
-            workers.result(workers.submit(Deadly(tmp_path, 1), 0, 1))
+            workers.result(workers.submit(Deadly(tmp_path, 1).observe, 0, 1))
         with broken:  # now it breaks when a task is handed in
-            workers.submit(work(), 0, 1)
+            workers.submit(work().observe, 0, 1)
 
 
 # workers that are lost -----------------------------------------------------------------------------------------------
@@ -163,7 +163,7 @@ def test_a_killed_process_costs_no_result_and_a_task_that_kills_three_is_given_u
     assert_same_bits(sampled(task, processes, 2, kill_once), in_one_go(task))
     assert len(killed) == 1
     with pytest.raises(InputError, match="worker processes died 3 times at blocks 4 to 5; check the free memory"):
-        processes.submit(Deadly(tmp_path, 3), 4, 2).result()
+        processes.submit(Deadly(tmp_path, 3).observe, 4, 2).result()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -205,7 +205,7 @@ def test_as_many_errors_are_kept_as_fit_into_free_memory(monkeypatch) -> None:
 
 def test_a_bar_is_shown_if_asked_for(monkeypatch) -> None:
     told: list[object] = []
-    monkeypatch.setattr(progress_bar, "progress", lambda total: told.append(total) or nullcontext(told.append))
+    monkeypatch.setattr(progress_bar, "progress", lambda total, **_: told.append(total) or nullcontext(told.append))
     pp.monte_carlo(MODEL, "paper", samples=100, progress=True)
     assert told == [100, 100]
 
@@ -240,6 +240,30 @@ def test_many_poses_that_were_stopped_go_on_with_the_same_bits(tmp_path: Path, m
             sample(other, **asked)
 
 
+@pytest.mark.slow
+def test_many_poses_keep_what_was_done_before_an_error_and_finish_what_is_under_way_after_ctrl_c(tmp_path: Path):
+    """As at one pose: the second of two groups cannot be given to the executor, or is under way at the interrupt."""
+
+    class Broken(Muddled):
+        def submit(self, function, /, *arguments):
+            if self.order:
+                raise OSError("no more")
+            return super().submit(function, *arguments)
+
+    def stop(_: int) -> None:
+        raise KeyboardInterrupt
+
+    settings = {"q": MODEL.poses["paper"][:, None] + np.linspace(-0.3, 0.3, 70), "samples": 200}
+    whole = pp.sample_poses(MODEL, **settings).to_json()
+    broken, interrupted = {"executor": Broken(), "tasks_under_way": 1}, {"executor": Muddled(), "progress": stop}
+    for name, how, raised, held in (("a", broken, InputError, 64), ("b", interrupted, KeyboardInterrupt, 70)):
+        told, file = [], tmp_path / name
+        with pytest.raises(raised):
+            pp.sample_poses(MODEL, journal=file, **how, **settings)
+        again = pp.sample_poses(MODEL, journal=file, resume=True, tell=told.append, **settings)
+        assert (again.to_json(), told) == (whole, [f"the journal {file} holds the first {held} poses"])
+
+
 # processes -----------------------------------------------------------------------------------------------------------
 
 
@@ -267,11 +291,10 @@ def ended(processes: list[psutil.Process]) -> bool:
 def test_no_process_stays_when_the_parent_is_killed() -> None:
     """One that waits for a task, and one that computes, whose result is larger than a pipe takes."""
     program = """
-from types import SimpleNamespace
 from precision_pin.sampling.workers import Processes
 workers = Processes(2)
-workers.submit(SimpleNamespace(observe=pow), 3, 3_000_000)
-print(workers.submit(SimpleNamespace(observe=divmod), 17, 5).result(), flush=True)
+workers.submit(pow, 3, 3_000_000)
+print(workers.submit(divmod, 17, 5).result(), flush=True)
 input()"""
     with subprocess.Popen([sys.executable, "-c", program], stdin=-1, stdout=-1, text=True) as process:
         assert process.stdout.readline() == "(3, 2)\n"

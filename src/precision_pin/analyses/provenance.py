@@ -10,18 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.base.arguments import check_instance, check_items
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.versions import versions
-from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
 from precision_pin.render.tables import origins_entry
 from precision_pin.robot.configurations import ApproachedPose, approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sampling import Progress, check_progress
-from precision_pin.statistics.intervals import check_confidence
+from precision_pin.sampling.run import check_common
 
 Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 """Name of a pose, or joint values in chain order or by name, with or without an approach; ``None``: the first pose."""
@@ -132,23 +129,6 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     if not several:
         raise InputError("0 poses are given; give at least one, or none for the model's first pose")
     return several
-
-
-def check_common(
-    error_model: ErrorModel,
-    *,
-    seed: int,
-    findings: Sequence[Finding],
-    progress: Progress | bool | None,
-    confidence: float = 0.95,
-) -> tuple[Finding, ...]:
-    """Check the arguments common to all analyses before any work is done, and return the findings."""
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
-    check_confidence(confidence)
-    known = check_items("findings", findings, Finding)
-    check_progress(progress)
-    return known
 
 
 def check_request(

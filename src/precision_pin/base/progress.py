@@ -44,13 +44,22 @@ def progress(
         yield lambda count: bar.update(count)
 
 
+Progress = Callable[[int], None]
+"""Function called with the number of samples added since its last call."""
+
+
+def check_progress(progress: object) -> None:
+    """Check that progress is a function, a flag or None."""
+    if progress is not None and not isinstance(progress, bool) and not callable(progress):
+        raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
+
+
 @contextmanager
 def steps_to(
     show: Callable[[int], None] | bool | None, total: int, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
     """Yield the function for steps, given a function, True (a bar), False or None; raise InputError otherwise."""
-    if show is not None and not isinstance(show, bool) and not callable(show):
-        raise InputError(f"progress must be a function, or True for a bar, got {shown(show)}")
+    check_progress(show)
     if show is True:
         with progress(total, unit=unit) as step:
             yield step

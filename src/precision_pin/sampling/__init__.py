@@ -11,15 +11,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
+    from precision_pin.base.progress import Progress as Progress
     from precision_pin.sampling.blocks import check_samples as check_samples
-    from precision_pin.sampling.one_pose import Progress as Progress
-    from precision_pin.sampling.one_pose import check_progress as check_progress
     from precision_pin.sampling.one_pose import monte_carlo as monte_carlo
     from precision_pin.sampling.workers import available_cores as available_cores
     from precision_pin.sampling.workers import dask_cluster as dask_cluster
 
 _HOMES: Final = {
-    **dict.fromkeys(("Progress", "check_progress", "monte_carlo"), "one_pose"),
+    "Progress": "run",
+    "monte_carlo": "one_pose",
     **dict.fromkeys(("available_cores", "dask_cluster"), "workers"),
     "check_samples": "blocks",
 }

@@ -6,14 +6,14 @@ import io
 import math
 import pickle
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.base.arguments import check_whole
+from precision_pin.base.arguments import check_flag, check_kept, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.versions import versions
@@ -21,16 +21,18 @@ from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.kernel.sampler import BLOCK, Blocks
+from precision_pin.kernel.sampler import Blocks
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.statistics import COMPONENTS, NORMS, Plan, Specification, quantity_values
 
 MOST_SAMPLES: Final = 10**12
 
 
-def check_samples(samples: int) -> None:
-    """Raise unless the number of samples is a whole number from 1 to 10¹²."""
+def check_samples(samples: int, *, keep_samples: bool = False) -> None:
+    """Raise unless the number of samples is a whole number from 1 to 10¹², and fits into memory if they are kept."""
     check_whole("the number of samples", samples, 1, MOST_SAMPLES, f"from 1 to {MOST_SAMPLES:.0e}")
+    if check_flag("keep_samples", keep_samples):
+        check_kept(samples)
 
 
 @lru_cache(maxsize=1)
@@ -79,13 +81,8 @@ class Work(Sent):
     model: Literal["exact", "linear"]
     seed: int
     samples: int
-    keep_errors: bool
-    packages: tuple[tuple[str, str], ...]
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks of the run; the last one may be short."""
-        return -(-self.samples // BLOCK)
+    keep_errors: bool = False
+    packages: tuple[tuple[str, str], ...] = field(default_factory=packages)
 
     def observe(self, first_block: int, blocks: int) -> Blocks:
         """Return the statistics of blocks ``first_block … first_block + blocks - 1``."""

@@ -11,13 +11,11 @@ from __future__ import annotations
 import errno
 import fcntl
 import hashlib
-import io
 import json
 import os
 import stat
 import struct
 import time
-import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -30,7 +28,6 @@ import numpy as np
 from numba.core.registry import cpu_target
 from numpy.typing import NDArray
 
-from precision_pin.base.arguments import check_callable, check_flag, check_mapping, check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, OutputError
 from precision_pin.base.versions import versions
@@ -46,23 +43,13 @@ if TYPE_CHECKING:
     from precision_pin.robot.chain import Posture
 
 
+Files = Mapping[str, str | os.PathLike[str]]
+"""Files that a run's model was read from, by their names in messages."""
+
 _PLAN: Final = "the planned centres and scales"
 
 
-def check_saving(journal: object, resume: object, files: object, tell: object) -> None:
-    """Check the arguments of public functions about the journal, before any work."""
-    check_flag("resume", resume)
-    if journal is not None:
-        check_path("the journal", journal)
-    for name, path in check_mapping("files", {} if files is None else files).items():
-        check_path(f"{name} among the files", path)
-    if tell is not None:
-        check_callable("tell", tell)
-    if resume and journal is None:
-        raise InputError("resume needs a journal to resume from")
-
-
-def identity(work: Work, posture: Posture, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
+def identity(work: Work, posture: Posture, files: Files) -> dict[str, str]:
     """Return all inputs that determine the bits of a run, by their names in messages."""
     # the processor that numba compiles for, as detected or configured
     triple, processor, features = cpu_target.target_context.codegen().magic_tuple()
@@ -155,7 +142,7 @@ def _file_digest(path: Path) -> str:
         ) from None
 
 
-MAGIC: Final = b"precision-pin journal 1\n"
+MAGIC: Final = b"precision-pin journal 2\n"
 MOST_RECORDS: Final = 64
 LARGEST_IDENTITY: Final = 2**20
 
@@ -181,7 +168,7 @@ def _digest(payload: bytes) -> bytes:
 
 
 class Counted(Protocol):
-    """State of a run: how much of it is done, and arrays or tuples of arrays."""
+    """State of a run: how much of it is done, and arrays or mappings of arrays."""
 
     @property
     def count(self) -> int:
@@ -189,9 +176,6 @@ class Counted(Protocol):
 
 
 S = TypeVar("S", bound=Counted)
-
-_OVERHEAD: Final = 1000
-"""Generous bound of an array's bytes beyond its numbers."""
 
 
 @dataclass(frozen=True)
@@ -209,14 +193,22 @@ class Codec(Generic[S]):
 
 def packed(state: Any) -> bytes:
     """Return a state as compressed bytes, without pickles: a journal may come from an untrusted source."""
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **_leaves(state))
-    return zlib.compress(buffer.getvalue(), level=1)
+    leaves = _leaves(state)
+    return zlib.compress(_layout(leaves) + b"".join(leaf.tobytes() for leaf in leaves.values()), level=1)
+
+
+def _layout(leaves: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return the names, types and shapes of arrays, with which their bytes begin."""
+    return json.dumps([(name, leaf.dtype.str, leaf.shape) for name, leaf in leaves.items()]).encode()
+
+
+def _size(leaves: Mapping[str, NDArray[Any]]) -> int:
+    return len(_layout(leaves)) + sum(leaf.nbytes for leaf in leaves.values())
 
 
 def largest(pattern: Any) -> int:
     """Return an upper bound of the bytes, packed or not, of a state like the pattern."""
-    return sum(np.asarray(leaf).nbytes * 101 // 100 + _OVERHEAD for leaf in _leaves(pattern).values())
+    return _size(_leaves(pattern)) * 101 // 100 + 1000
 
 
 def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
@@ -224,37 +216,29 @@ def unpacked(data: bytes, pattern: S, check: Callable[[S], None]) -> S:
 
     At most the bytes of a state are read, whatever the input.
     """
-    most = largest(pattern)
+    leaves = _leaves(pattern)
+    size, layout = _size(leaves), _layout(leaves)
     try:
-        plain = zlib.decompressobj().decompress(data, most + 1)
-        if len(plain) > most:
+        plain = zlib.decompressobj().decompress(data, size + 1)
+        if len(plain) > size:
             raise ValueError("it is too long")
-        with zipfile.ZipFile(io.BytesIO(plain)) as members:
-            arrays = {name: _read(members, name, np.asarray(leaf)) for name, leaf in _leaves(pattern).items()}
+        if len(plain) < size or not plain.startswith(layout):
+            raise ValueError("its arrays are of another type or shape")
+        begin, arrays = len(layout), {}
+        for name, leaf in leaves.items():
+            arrays[name] = np.frombuffer(plain, leaf.dtype, leaf.size, begin).reshape(leaf.shape).copy()
+            begin += leaf.nbytes
         values = {
-            name: tuple(arrays[f"{name}.{k}"] for k in range(len(like)))
-            if isinstance(like, tuple)
+            name: {key: arrays[f"{name}.{key}"] for key in like}
+            if isinstance(like, dict)
             else (arrays[name] if isinstance(like, np.ndarray) else int(arrays[name]))
             for name, like in vars(pattern).items()
         }
-        found: S = type(pattern)(**values)
-        check(found)
-    except (zlib.error, zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError, EOFError, RuntimeError) as error:
+        state: S = type(pattern)(**values)
+        check(state)
+    except (zlib.error, ValueError) as error:
         raise InputError(f"the journal's last record cannot be read: {error}") from None
-    return found
-
-
-def _read(members: zipfile.ZipFile, name: str, like: NDArray[Any]) -> NDArray[Any]:
-    """Return an array of the type and shape of another; any other header, which could claim any size, is an error."""
-    pattern = io.BytesIO()
-    np.save(pattern, like)
-    size = pattern.tell()
-    with members.open(f"{name}.npy") as member:
-        data = member.read(size + 1)
-    begin = size - like.nbytes
-    if len(data) != size or data[:begin] != pattern.getvalue()[:begin]:
-        raise ValueError(f"{name} is of another type or shape")
-    return np.frombuffer(data, like.dtype, offset=begin).reshape(like.shape).copy()
+    return state
 
 
 def _check_samples(state: State) -> None:
@@ -295,12 +279,12 @@ def samples_of(plan: Plan) -> Codec[State]:
     return replace(SAMPLES, check=check)
 
 
-def _leaves(state: Any) -> dict[str, Any]:
-    """Return the arrays and numbers of a state by name."""
+def _leaves(state: Any) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a state by name; numbers are arrays without axes."""
     leaves: dict[str, Any] = {}
     for name, value in vars(state).items():
-        leaves |= {f"{name}.{k}": part for k, part in enumerate(value)} if isinstance(value, tuple) else {name: value}
-    return leaves
+        leaves |= {f"{name}.{key}": part for key, part in value.items()} if isinstance(value, dict) else {name: value}
+    return {name: np.asarray(leaf) for name, leaf in leaves.items()}
 
 
 _ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_interval")
@@ -316,30 +300,26 @@ class PosesDone:
     """
 
     count: int
-    values: tuple[Array, ...]
+    values: dict[str, Array]
 
-    def arrays(self) -> dict[str, Array]:
-        """Return the arrays by name."""
-        return dict(zip(POSE_ARRAYS, self.values, strict=True))
+    @classmethod
+    def start(cls, poses: int, specifications: int) -> PosesDone:
+        """Return the empty state of P poses and S specifications."""
+        shapes = {name: [length or specifications for length in shape] for name, shape in POSE_ARRAYS.items()}
+        return cls(0, {name: np.zeros((*shape, poses)) for name, shape in shapes.items()})
 
     def with_part(self, part: Mapping[str, Array]) -> PosesDone:
         """Return the state with the next poses filled in place."""
-        end = self.count
-        for name, array in self.arrays().items():
-            end = self.count + part[name].shape[-1]
+        end = self.count + part["mean"].shape[-1]
+        for name, array in self.values.items():
             array[..., self.count : end] = part[name]
         return replace(self, count=end)
 
 
-def start_of_poses(part: Mapping[str, Array], poses: int) -> PosesDone:
-    """Return the empty state of P poses, with the types and shapes of one pose's part."""
-    return PosesDone(0, tuple(np.zeros((*part[name].shape[:-1], poses), part[name].dtype) for name in POSE_ARRAYS))
-
-
 def _check_poses(state: PosesDone) -> None:
-    if not 0 <= state.count <= state.values[0].shape[-1]:
+    if not 0 <= state.count <= state.values["mean"].shape[-1]:
         raise ValueError("its counts are inconsistent")
-    for name, array in state.arrays().items():
+    for name, array in state.values.items():
         done = array[..., : state.count]
         # with few samples, the others may be NaN
         if np.isinf(done).any() or (name in _ALWAYS and np.isnan(done).any()):

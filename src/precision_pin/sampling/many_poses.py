@@ -7,23 +7,20 @@ and block number only and are added in block order, so that the bits do not depe
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import check_flag, check_instance, check_items, check_memory, check_whole
+from precision_pin.base.arguments import check_flag, check_memory, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
+from precision_pin.base.progress import Progress
 from precision_pin.draws.draw import MOST_POSES, Scope
-from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.loops import NORM_COLUMNS, SUMS
@@ -42,27 +39,16 @@ from precision_pin.model.verdict_grounds import exact_findings, strained_finding
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.configurations import ApproachedPose
-from precision_pin.sampling import Progress, available_cores, check_progress
 from precision_pin.sampling.blocks import Sent, Work, check_packages, packages
-from precision_pin.sampling.journal import (
-    POSES,
-    Journal,
-    PosesDone,
-    check_saving,
-    digest,
-    identity,
-    opened,
-    start_of_poses,
-)
-from precision_pin.sampling.one_pose import do_nothing
+from precision_pin.sampling.journal import POSES, Files, PosesDone, digest, identity
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
-from precision_pin.sampling.workers import Submitter, Workers, chosen
+from precision_pin.sampling.run import RunSettings, check_common
+from precision_pin.sampling.workers import Submitter, available_cores, in_order
 from precision_pin.statistics import (
     COMPONENTS,
     NORMS,
     Plan,
     Specification,
-    check_confidence,
     clopper_pearson,
     quantile_ranks,
     quantity_values,
@@ -145,41 +131,41 @@ def sample_poses(
             memory; errors too large to compute with.
         UnknownNameError: No such pose or joint.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    check_seed(seed)
+    run_settings = RunSettings(threads, processes, executor, tasks_under_way, journal, resume, files, progress, tell)
+    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
-    known = check_items("findings", findings, Finding)
-    check_progress(progress)
-    check_saving(journal, resume, files, tell)
-    check_flag("everywhere", everywhere)
     sampler.stage_of(model)
-    check_confidence(confidence)
-    work = PosesWork(model, int(seed), int(samples), listed_specifications(specifications))
+    listed = listed_specifications(specifications)
+    check_flag("everywhere", everywhere)
+    work = PosesWork(model, int(seed), int(samples), listed)
     q = q if approach is None else ApproachedPose(q, approach)
-    values, names = _poses(error_model, q, work.specifications)
+    values, names = _poses(error_model, q, listed)
     approaches = error_model.approaches_of(q, values)
-    run = _Run(error_model, values, approaches, work, confidence)
+    poses = _Poses(error_model, values, approaches, work)
     count = values.shape[1]
     found = (*pose_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
     add(found)
-    workers = chosen(threads, processes, executor, tasks_under_way)
-    with ExitStack() as stack:
-        total = count * work.samples * (2 if everywhere and work.specifications else 1)
-        step = stack.enter_context(progress_bar.progress(total)) if progress is True else progress or do_nothing
-        state, kept_in = None, None
-        if journal is not None:
-            start, known_run = start_of_poses(run.first_part(), count), run.identity(files or {})
-            kept_in, state = stack.enter_context(
-                opened(journal, known_run, start, POSES, resume=resume, tell=tell or do_nothing)
-            )
-            step(state.count * work.samples)
-        sampled = run.sample(workers, state, kept_in, step)
-        kept = None
-        if everywhere:
-            pool = stack.enter_context(ThreadPoolExecutor(threads or available_cores()))
-            kept = run.count_everywhere(pool, step)
+    steps = count * work.samples * (2 if everywhere and listed else 1)
+    beginning = PosesDone.start(count, len(listed))
+    with run_settings.begun(beginning, POSES, partial(poses.identity, confidence), count, steps) as run:
+        if run.state.count:
+            run.step(run.state.count * work.samples)
+
+        def add_blocks(task: tuple[PoseGroup, int], result: NormBlocks) -> int:
+            group, first_block = task
+            # after an interrupt a group may be incomplete
+            if (group.first_pose, group.count) != (run.state.count, first_block * BLOCK):
+                return 0
+            group.add(result)
+            if group.count == work.samples:
+                run.state = run.state.with_part(group.to_arrays(confidence))
+            return result.count * group.poses
+
+        run.work_off(poses.tasks(run.state.count), add_blocks)
+        kept = poses.count_everywhere(threads or available_cores(), run.step) if everywhere else None
+    arrays = run.state.values
     if not any(finding.code in _STRAINS for finding in known):
-        worst = int(sampled.arrays()["norm_mean"][0].argmax())
+        worst = int(arrays["norm_mean"][0].argmax())
         own = () if approaches is None else tuple(approaches[:, worst].tolist())
         strained = strained_findings(error_model, ApproachedPose(values[:, worst], own), pose_labels(names)[worst])
         add(strained)
@@ -203,95 +189,39 @@ def sample_poses(
         kept_everywhere=kept,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
         findings=known,
-        **sampled.arrays(),
+        **arrays,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Run:
+class _Poses:
     """The model at poses ``(n, P)`` with their approaches, and the settings common to all of them."""
 
     error_model: ErrorModel
     values: Array
     approaches: NDArray[np.int8] | None
     work: PosesWork
-    confidence: float
 
-    def sample(
-        self,
-        workers: Workers,
-        state: PosesDone | None,
-        journal: Journal[PosesDone] | None,
-        step: Callable[[int], object],
-    ) -> PosesDone:
-        """Return the statistics of all poses, after those of the first ones in ``state``, if any."""
-        under_way: deque[tuple[PoseGroup, Any]] = deque()
-
-        def add_oldest() -> None:
-            nonlocal state
-            group, future = under_way.popleft()
-            found = workers.result(future)
-            group.add(found)
-            step(found.count * group.poses)
-            if group.count == self.work.samples:
-                part = group.to_arrays(self.confidence)
-                state = (state or start_of_poses(part, self.values.shape[1])).with_part(part)
-                if journal is not None:
-                    journal.save_if_due(state)
-
-        done = False
-        try:
-            for group, first_block, blocks in self._tasks(state.count if state else 0):
-                under_way.append((group, workers.submit(group.work, first_block, blocks)))
-                # finished tasks are added at once: with few robots, preparing groups takes longer than sampling
-                while under_way and (len(under_way) >= workers.most or workers.is_done(under_way[0][1])):
-                    add_oldest()
-            while under_way:
-                add_oldest()
-            done = True
-        except KeyboardInterrupt as interrupt:
-            if journal is not None and state is not None:
-                journal.save(state)
-                note = f"the journal {journal.name} holds the first {journal.saved:,} of {self.values.shape[1]:,} poses"
-                interrupt.add_note(note)
-            raise
-        finally:
-            # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
-            workers.close(done=done)
-        assert state is not None
-        if journal is not None:
-            journal.save(state)
-        return state
-
-    def first_part(self) -> dict[str, Array]:
-        """Return the arrays of the first pose from a few samples, for their types and shapes."""
-        few = replace(self.work, samples=min(self.work.samples, PILOTS[0]))
-        own = None if self.approaches is None else self.approaches[:, :1]
-        first = replace(self, values=self.values[:, :1], approaches=own, work=few)
-        group, first_block, blocks = next(first._tasks(0))
-        group.add(group.work.observe(first_block, blocks))
-        return group.to_arrays(self.confidence)
-
-    def identity(self, files: Mapping[str, str | os.PathLike[str]]) -> dict[str, str]:
+    def identity(self, confidence: float, files: Files) -> dict[str, str]:
         """Return all inputs that determine the bits of the run."""
         work = self.work
         models = list(self._models(sorted({0, self.values.shape[1] - 1})))
         plan = Plan(np.zeros(8), np.ones(8), work.specifications)
         layouts = [sampler.to_arrays(at) for at in models]
-        single = Work(layouts[0], plan, work.model, work.seed, work.samples, False, packages())
+        single = Work(layouts[0], plan, work.model, work.seed, work.samples)
         return {
             **{name: text for name, text in identity(single, models[0].posture, files).items() if name != "pose"},
             "the list of poses": digest((self.values, self.approaches)),
             "the error model at the last pose": digest(layouts[-1]),
-            "confidence": repr(self.confidence),
+            "confidence": repr(confidence),
         }
 
     def _models(self, columns: slice | list[int]) -> Iterator[PoseModel]:
         own = None if self.approaches is None else self.approaches[:, columns]
         return self.error_model.at_columns(self.values[:, columns], own)
 
-    def _tasks(self, first_pose: int) -> Iterator[tuple[PoseGroup, int, int]]:
-        """Yield each group of poses from a first one on with its blocks; groups are prepared one at a time."""
+    def tasks(self, first_pose: int) -> Iterator[tuple[Any, ...]]:
+        """Yield the tasks from a first pose on, with group and first block as key; groups are prepared one at a time."""
         models = self._models(slice(first_pose, None))
         blocks = -(-self.work.samples // BLOCK)
         while together := list(islice(models, MOST_TOGETHER)):
@@ -303,13 +233,13 @@ class _Run:
                 # at least 16 tasks, so that a single group occupies all threads
                 size = min(max(1, _TASK // alike), -(-blocks // 16))
                 for first_block in range(0, blocks, size):
-                    yield group, first_block, min(size, blocks - first_block)
+                    yield (group, first_block), group.work.observe, first_block, min(size, blocks - first_block)
                 first_pose += alike
                 layouts = layouts[alike:]
 
-    def count_everywhere(self, pool: Executor, step: Callable[[int], object]) -> tuple[int, ...]:
+    def count_everywhere(self, threads: int, step: Callable[[int], object]) -> tuple[int, ...]:
         """Return how many robots keep each specification at all poses."""
-        # a robot has the draws that it has where each pose is sampled alone, so the counts do not depend on the pool
+        # a robot has the draws that it has where each pose is sampled alone, so the counts do not depend on the threads
         work, specifications = self.work, self.work.specifications
         if not specifications:
             return ()
@@ -319,20 +249,20 @@ class _Run:
         kept = np.ones((len(specifications), work.samples), dtype=np.bool_)
         rows = [spec.row for spec in specifications]
         limits = np.array([[spec.limit] for spec in specifications])
+
+        def mark(first: int, layouts: Sequence[SamplerArrays], first_pose: int) -> int:
+            count = min(_ROBOTS, work.samples - first)
+            for pose, layout in enumerate(layouts, start=first_pose):
+                errors = sampler.errors(layout, work.model, work.seed, first, count, pose=pose)
+                kept[:, first : first + count] &= np.abs(quantity_values(errors))[rows] <= limits
+            return count * len(layouts)
+
         models, first_pose = self._models(slice(None)), 0
         while together := list(islice(models, MOST_TOGETHER)):
             layouts = sampler.to_arrays_at_poses(together)
-
-            def mark(first: int, layouts: Sequence[SamplerArrays], first_pose: int) -> int:
-                count = min(_ROBOTS, work.samples - first)
-                for pose, layout in enumerate(layouts, start=first_pose):
-                    errors = sampler.errors(layout, work.model, work.seed, first, count, pose=pose)
-                    kept[:, first : first + count] &= np.abs(quantity_values(errors))[rows] <= limits
-                return count * len(layouts)
-
-            firsts = range(0, work.samples, _ROBOTS)
-            for task in [pool.submit(mark, first, layouts, first_pose) for first in firsts]:
-                step(task.result())
+            marks = (partial(mark, first, layouts, first_pose) for first in range(0, work.samples, _ROBOTS))
+            for marked in in_order(marks, threads):
+                step(marked)
             first_pose += len(layouts)
         return tuple(kept.sum(axis=1).tolist())
 
@@ -380,7 +310,7 @@ class GroupWork(Sent):
     first_pose: int
     work: PosesWork
     plans: tuple[Plan, ...]
-    packages: tuple[tuple[str, str], ...]
+    packages: tuple[tuple[str, str], ...] = field(default_factory=packages)
 
     def observe(self, first_block: int, blocks: int) -> NormBlocks:
         """Return the statistics of some blocks."""
@@ -397,9 +327,10 @@ class PoseGroup:
 
     def __init__(self, tables: JoinedTables, first_pose: int, work: PosesWork, plans: Sequence[Plan]) -> None:
         self.poses = len(tables.layouts)
+        self.first_pose = first_pose
         self.count = 0
-        self._plans = tuple(plans)
-        self.work = GroupWork(tables, first_pose, work, self._plans, packages())
+        self.work = GroupWork(tables, first_pose, work, tuple(plans))
+        self._centre, self._scale = (np.array([getattr(plan, name) for plan in plans]) for name in ("centre", "scale"))
         self._sums = np.zeros((self.poses, SUMS))
         self._lowest, self._highest = np.full((self.poses, 2), np.inf), np.full((self.poses, 2), -np.inf)
         self._sketch = np.zeros((self.poses, 2, NORM_COLUMNS), dtype=np.uint32)
@@ -426,13 +357,14 @@ class PoseGroup:
 
     def add(self, found: NormBlocks) -> None:
         """Add blocks, in block order."""
-        self.count += found.count
         for block in range(found.sums.shape[1]):
             self._sums += found.sums[:, block]
         self._lowest = np.minimum(self._lowest, found.lowest)
         self._highest = np.maximum(self._highest, found.highest)
         self._sketch += found.sketch
         self._inside += found.inside
+        # at last: if an interrupt comes before, what follows does not fit
+        self.count += found.count
 
     def to_arrays(self, confidence: float) -> dict[str, Array]:
         """Return the group's part of the result's arrays; the last axis is the pose."""
@@ -465,12 +397,11 @@ class PoseGroup:
 
     def _moments(self) -> tuple[Array, Array]:
         """Return mean and standard deviation (0 for one sample) of the eight quantities, ``(P, 8)``."""
-        centre = np.array([plan.centre for plan in self._plans])
         sums, squares = self._sums[:, :8], np.empty((self.poses, 8))
         squares[:, COMPONENTS] = self._sums[:, 8 + np.flatnonzero(_UPPER[0] == _UPPER[1])]
         squares[:, NORMS] = self._sums[:, 29:]
         variance = np.maximum(squares - sums * sums / self.count, 0.0) / max(self.count - 1, 1)
-        return centre + sums / self.count, np.sqrt(variance)
+        return self._centre + sums / self.count, np.sqrt(variance)
 
     def _quantile(self, cumulative: NDArray[np.int64], level: float, confidence: float) -> tuple[Array, Array, Array]:
         """Return quantiles ``(2, P)``, their intervals ``(2, 2, P)`` and the widths of their bins."""
@@ -500,8 +431,7 @@ class PoseGroup:
         column = (cumulative < rank).sum(axis=2)[..., None]
         counts = np.take_along_axis(self._sketch, column, axis=2)[..., 0].astype(np.int64)
         before = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts
-        centre = np.array([plan.centre for plan in self._plans])[:, NORMS]
-        scale = np.array([plan.scale for plan in self._plans])[:, NORMS]
+        centre, scale = self._centre[:, NORMS], self._scale[:, NORMS]
         lower = np.maximum(centre + _EDGES[column[..., 0]] * scale, self._lowest)
         upper = np.minimum(centre + _EDGES[column[..., 0] + 1] * scale, self._highest)
         return lower + (rank - before - 0.5) / counts * (upper - lower), lower, upper

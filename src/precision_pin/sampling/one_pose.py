@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
+from itertools import pairwise
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base import progress as progress_bar
-from precision_pin.base.arguments import check_flag, check_instance, check_items, check_kept, check_whole, shown
+from precision_pin.base.arguments import check_items
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError, OutputError, add, warns_at_end
+from precision_pin.base.errors import Finding, InputError, add, warns_at_end
+from precision_pin.base.progress import Progress
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.space import check_seed
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import BLOCK, Blocks
@@ -30,21 +29,21 @@ from precision_pin.sampling.blocks import (
     Work,
     check_samples,
     first_order_skewness,
-    packages,
     plan_by_pilot,
     planned,
     reach,
 )
-from precision_pin.sampling.journal import Journal, check_saving, identity, opened, samples_of
+from precision_pin.sampling.journal import SAMPLES, Files, identity, samples_of
 from precision_pin.sampling.result import Correlated, MonteCarloResult, RelativeTo, Until
-from precision_pin.sampling.workers import MOST_WORKERS, Submitter, Workers, available_cores, chosen, in_order
+from precision_pin.sampling.run import Run, RunSettings, check_common
+from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import (
     QUANTITIES,
+    Grounds,
     Plan,
     Specification,
     State,
     Summary,
-    check_confidence,
     finish,
     observe,
     start,
@@ -53,11 +52,9 @@ from precision_pin.statistics.accumulate import quantity_values
 from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
+OnePose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 _LARGEST_SQUARE: Final = 1e75
 """Largest square of errors accepted, m² or rad²: beyond, sums of fourth powers overflow."""
-
-Progress = Callable[[int], None]
-"""Function called with the number of samples added since its last call."""
 
 
 @warns_at_end
@@ -131,96 +128,81 @@ def monte_carlo(
             another run.
         OutputError: The journal cannot be written.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    run_settings = RunSettings(threads, processes, executor, tasks_under_way, journal, resume, files, progress, tell)
     if pose is not None and q is not None:
         raise InputError("q and pose mean the same; give one of them")
+    findings = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    check_samples(samples, keep_samples=keep_samples)
+    specifications = listed_specifications(specifications)
     pose = q if pose is None else pose
     pose = pose if approach is None else ApproachedPose(pose, approach)
-    specifications = check_run(samples, seed, model, confidence, specifications)
     until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
-    findings = check_items("findings", findings, Finding)
-    check_flag("keep_samples", keep_samples)
-    check_saving(journal, resume, files, tell)
-    check_progress(progress)
-    if keep_samples:
-        if journal is not None:
-            raise InputError("a journal holds statistics only; keep_samples is not possible with a journal")
-        if until:
-            raise InputError("with until the number of samples is not known in advance; keep_samples is not possible")
-        check_kept(samples)
+    if keep_samples and journal is not None:
+        raise InputError("a journal holds statistics only; keep_samples is not possible with a journal")
+    if keep_samples and until:
+        raise InputError("with until the number of samples is not known in advance; keep_samples is not possible")
     targets = [target(text) for text in until]
-    workers = chosen(threads, processes, executor, tasks_under_way)
     at = model_at_pose(error_model, pose)
     layout = sampler.to_arrays(at)
     plan = planned(at, layout, model, int(seed), specifications)
-    work = Work(layout, plan, model, int(seed), int(samples), keep_samples, packages())
-    state = start(plan)
-    with ExitStack() as stack:
-        step = stack.enter_context(progress_bar.progress(work.samples)) if progress is True else progress or do_nothing
-        kept_in = None
-        if journal is not None:
-            known = {**identity(work, at.posture, files or {}), "until": "; ".join(until)}
-            kept_in, state = stack.enter_context(
-                opened(journal, known, state, samples_of(plan), resume=resume, tell=tell or do_nothing)
-            )
-            if state.count:
-                step(state.count)
-        sampling = Sampling(work, state, step, kept_in)
-        done = False
-        try:
-            sampling.run(workers, enough=_enough(targets, plan, confidence, tell or do_nothing) if targets else None)
-            done = True
-        finally:
-            workers.close(done=done)
-    spread = np.sqrt(np.maximum(np.diag(at.covariance), 0.0))
-    summary = finish(plan, sampling.state, confidence, spread=spread)
-    if specifications:
-        summary = summary.with_grounds(
-            grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, int(seed)))
-        )
-    precisions = [reached(wanted, summary) for wanted in targets]
-    found = (
-        *at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at),
-        *find_constant_error(summary, findings, "at this pose: all robots have the same error"),
-        *find_coarse_bins(summary),
-        *(_missed_target(text, one, summary.samples) for text, one in zip(until, precisions, strict=True) if not one.reached),
-    )  # fmt: skip
-    add(found)
-    return result_at(
-        error_model, at, pose, summary, work.layout, int(seed), model,
+    work = Work(layout, plan, model, int(seed), int(samples), keep_samples)
+
+    def known(files: Files) -> dict[str, str]:
+        return {**identity(work, at.posture, files), "until": "; ".join(until)}
+
+    with run_settings.begun(start(plan), samples_of(plan), known, work.samples) as run:
+        enough = _enough(targets, plan, confidence, run_settings.report) if targets else None
+        errors = sample_blocks(run, work, enough=enough)
+    summary = finish(plan, run.state, confidence, spread=_spread(at.covariance))
+    wanted = [(text, reached(of, summary)) for text, of in zip(until, targets, strict=True)]
+    return _result(
+        error_model, at, pose, work, summary, errors, findings,
+        lambda: grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, int(seed))),
+        "at this pose: all robots have the same error",
+        after=[_missed_target(text, one, summary.samples) for text, one in wanted if not one.reached],
         nominal=at.tangent[0],
         origins=origin_shares(error_model.origins, at),
-        until=tuple(Until(text, one) for text, one in zip(until, precisions, strict=True)),
-        warnings=tuple(str(finding) for finding in (*findings, *found)),
-        errors=sampling.errors,
-        findings=findings,
+        until=tuple(Until(*one) for one in wanted),
     )  # fmt: skip
 
 
-def check_run(
-    samples: int, seed: int, model: str, confidence: float, specifications: Specifications
-) -> tuple[Specification, ...]:
-    """Check the settings of a run at one pose, and return its specifications."""
-    check_samples(samples)
-    check_seed(seed)
-    sampler.stage_of(model)  # type: ignore[arg-type]
-    check_confidence(confidence)
-    return listed_specifications(specifications)
+def _spread(covariance: Array) -> Array:
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
-def result_at(
+def _result(
     error_model: ErrorModel,
     at: PoseModel,
     pose: object,
+    work: Work | _Pair,
     summary: Summary,
-    layout: SamplerArrays,
-    seed: int,
-    model: str,
-    **found: Any,
+    errors: Array | None,
+    known: tuple[Finding, ...],
+    grounds: Callable[[], Grounds],
+    where: str,
+    *,
+    before: Sequence[Finding] = (),
+    after: Sequence[Finding] = (),
+    **more: Any,
 ) -> MonteCarloResult:
-    """Return the result at a pose, completed from the model."""
-    chain, draws, names = error_model.chain, at.space.draws, layout.space.components
+    """Return the result at a pose, completed from the model, and add its warnings.
+
+    Args:
+        known: Findings passed in.
+        grounds: Returns the grounds of the verdicts, if there are specifications.
+        where: End of the warning that the errors do not vary.
+        before, after: Warnings in front of those about the samples, and behind.
+        more: Fields that depend on the kind of the errors.
+    """
+    if summary.specifications:
+        summary = summary.with_grounds(grounds())
+    chain, draws, names = error_model.chain, at.space.draws, work.layout.space.components
     units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
+    found = (
+        *at.findings(work.model), *error_model.statics_findings(at), *exact_findings_at(error_model, at), *before,
+        *find_constant_error(summary, known, where), *find_coarse_bins(summary), *after,
+    )  # fmt: skip
+    add(found)
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -228,26 +210,24 @@ def result_at(
         pose_name=error_model.pose_name(pose),
         q=dict(zip(chain.joint_names, map(float, at.posture.q), strict=True)),
         approach=written_approach(chain.joint_names, at.posture.approach),
-        seed=seed,
-        model=model,
+        seed=work.seed,
+        model=work.model,
         statics=error_model.statics,
         scopes={scope.value: sum(draw.law.size for draw in draws if draw.scope is scope) for scope in Scope},
         sliding_joints=tuple(joint.name for joint in chain.joints if joint.kind == "prismatic"),
         correlations=Correlated.all_of(at.space),
         summary=summary,
         makers={
-            unit: dict(zip(names, sampler.sample(layout, seed, unit, 1)[:, 0].tolist(), strict=True)) for unit in units
+            unit: dict(zip(names, sampler.sample(work.layout, work.seed, unit, 1)[:, 0].tolist(), strict=True))
+            for unit in units
         },
         assumed=error_model.assumed,
         sources=len(error_model.sources),
-        **found,
+        warnings=tuple(str(finding) for finding in (*known, *found)),
+        errors=errors,
+        findings=known,
+        **more,
     )
-
-
-def check_progress(progress: object) -> None:
-    """Check that progress is a function, a flag or None."""
-    if progress is not None and not isinstance(progress, bool) and not callable(progress):
-        raise InputError(f"progress must be a function, or True for a bar, got {shown(progress)}")
 
 
 def _enough(
@@ -289,9 +269,7 @@ def _missed_target(text: str, found: Precision, samples: int) -> Finding:
     return Finding("warning", "W_UNTIL", f"{samples:,} samples do not reach the target {text}{about}")
 
 
-def model_at_pose(
-    error_model: ErrorModel, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None
-) -> PoseModel:
+def model_at_pose(error_model: ErrorModel, q: OnePose) -> PoseModel:
     """Return the model at the pose, after checking that its first-order errors do not overflow."""
     try:
         with np.errstate(over="raise"):
@@ -303,10 +281,6 @@ def model_at_pose(
         raise InputError(
             "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
-
-
-def do_nothing(_: object) -> None:
-    """Ignore the argument."""
 
 
 _COARSE: Final = 0.05
@@ -343,83 +317,44 @@ def find_coarse_bins(summary: Summary) -> list[Finding]:
     return found
 
 
-# blocks merged in order and saved in a journal -----------------------------------------------------------------------
+# blocks merged in order -----------------------------------------------------------------------------------------------
 
 
-class Sampling:
-    """Run from a given state to the last sample."""
+def sample_blocks(
+    run: Run[State],
+    work: Work | _Pair,
+    blocks_in_a_task: int | None = None,
+    enough: Callable[[State], bool] | None = None,
+) -> Array | None:
+    """Sample from the state of a run to the end, or to the first passed check, and return the errors if they are kept.
 
-    def __init__(
-        self, work: Work, state: State, progress: Callable[[int], None], journal: Journal[State] | None
-    ) -> None:
-        self.state = state
-        self.errors: NDArray[np.float64] | None = np.empty((6, work.samples)) if work.keep_errors else None
-        self._work = work
-        self._progress = progress
-        self._journal = journal
+    The checks are made after 1, 2, 4, 8 … blocks whatever the workers.
+    """
+    errors = np.empty((6, work.samples)) if work.keep_errors else None
+    blocks = -(-work.samples // BLOCK)
+    if run.state.count:
+        run.step(run.state.count)
 
-    def run(
-        self, workers: Workers, blocks_in_a_task: int | None = None, enough: Callable[[State], bool] | None = None
-    ) -> None:
-        """Sample to the end, or to the first passed check, after 1, 2, 4, 8 … blocks whatever the workers."""
-        blocks = self._work.blocks
-        checks = [] if enough is None else [2**k for k in range((blocks - 1).bit_length())]
-        for end in (*checks, blocks):
-            if self._next_block < end:
-                self._run_to(end, workers, blocks_in_a_task)
-            if enough is not None and self.state.count // BLOCK == end and enough(self.state):
-                break
-        if self._journal is not None:
-            self._journal.save(self.state)
+    def add_blocks(first_block: int, result: Blocks | _PairErrors) -> int:
+        begin = run.state.count
+        if begin != first_block * BLOCK:
+            return 0
+        if errors is not None and result.errors is not None:
+            errors[:, begin : begin + result.count] = result.errors
+        run.state = result.add_to(run.state)
+        return result.count
 
-    def _run_to(self, end: int, workers: Workers, blocks_in_a_task: int | None) -> None:
-        first = self._next_block
+    checks = [] if enough is None else [2**k for k in range((blocks - 1).bit_length())]
+    for end in (*checks, blocks):
+        first = -(-run.state.count // BLOCK)
         # tasks that keep a worker busy, yet enough of them for regular progress
-        size = blocks_in_a_task or min(workers.blocks_in_a_task, max(1, (end - first) // 8))
-        starts, under_way = iter(range(first, end, size)), dict[int, Any]()
-        try:
-            while self._next_block < end:
-                while len(under_way) < workers.most and (start := next(starts, None)) is not None:
-                    under_way[start] = workers.submit(self._work, start, min(size, end - start))
-                count = self._add_next(workers, under_way)
-                if self._journal is not None:
-                    self._journal.save_if_due(self.state)
-                self._progress(count)
-        except KeyboardInterrupt as interrupt:
-            if self._journal is not None:
-                # a running task that fails now fails again in the resumed run, which reports it
-                with suppress(Exception):
-                    while self._next_block in under_way:
-                        self._add_next(workers, under_way)
-                self._journal.save(self.state)
-                interrupt.add_note(
-                    f"the journal {self._journal.name} holds the first {self._journal.saved:,} of "
-                    f"{self._work.samples:,} samples"
-                )
-            raise
-        except OutputError:
-            raise
-        except Exception:
-            if self._journal is not None:
-                self._journal.save(self.state)
-            raise
-
-    @property
-    def _next_block(self) -> int:
-        return -(-self.state.count // BLOCK)
-
-    def _add_next(self, workers: Workers, under_way: dict[int, Any]) -> int:
-        """Wait for the task that begins with the next block, add its samples, and return how many they are."""
-        block, begin = self._next_block, self.state.count
-        found: Blocks = workers.result(under_way[block])
-        if self.errors is not None and found.errors is not None:
-            self.errors[:, begin : begin + found.count] = found.errors
-        self.state = found.add_to(self.state)
-        del under_way[block]
-        return found.count
-
-
-OnePose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
+        size = blocks_in_a_task or min(run.workers.blocks_in_a_task, max(1, (end - first) // 8))
+        run.work_off(
+            ((block, work.observe, block, min(size, end - block)) for block in range(first, end, size)), add_blocks
+        )
+        if enough is not None and run.state.count // BLOCK == end and enough(run.state):
+            break
+    return errors
 
 
 @warns_at_end
@@ -474,56 +409,51 @@ def relative(
     with the same seed. Draws of visit scope are independent. So are those of pose scope, unless both poses have the
     same joint values: then they are shared, and what remains is the difference between two visits.
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    listed = check_run(samples, seed, model, confidence, specifications)
-    known = check_items("findings", findings, Finding)
-    check_flag("keep_samples", keep_samples)
-    if threads is not None:
-        check_whole("threads", threads, 1, MOST_WORKERS)
-    check_progress(progress)
-    if keep_samples:
-        check_kept(samples)
+    run_settings = RunSettings(threads, progress=progress)
+    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    check_samples(samples, keep_samples=keep_samples)
+    listed = listed_specifications(specifications)
     ends = model_at_pose(error_model, pose), model_at_pose(error_model, other)
-    pair = _Pair(*ends, sampler.to_arrays(ends[0]), sampler.to_arrays(ends[1]), model, int(seed))
-    plan = pair.plan(listed)
-    state, kept = start(plan), []
-    parts = (partial(pair.errors, first, min(BLOCK, int(samples) - first)) for first in range(0, int(samples), BLOCK))
-    with ExitStack() as stack:
-        step = stack.enter_context(progress_bar.progress(samples)) if progress is True else progress or do_nothing
-        # blocks are added in order, so that the sums do not depend on the threads
-        for block in stack.enter_context(closing(in_order(parts, threads or available_cores()))):
-            state = observe(plan, state, block)
-            if keep_samples:
-                kept.append(block)
-            step(block.shape[1])
-    summary = finish(plan, state, confidence, spread=np.sqrt(np.maximum(np.diag(pair.covariance), 0.0)))
-    label = error_model.pose_name(other)
-    both = np.column_stack([pair.at.posture.q, pair.other.posture.q])
-    names = (error_model.pose_name(pose) or "the pose", label or "the pose relative to which errors are taken")
-    grounds = grounds_at(error_model, both, names)
-    if model == "linear":
-        linear, exact = (np.abs(quantity_values(one.errors(0, BLOCK))) for one in (pair, replace(pair, model="exact")))
-        grounds = replace(grounds, both=(linear, exact))
-    summary = summary.with_grounds(grounds)
-    found = (
-        *pair.at.findings(model), *error_model.statics_findings(pair.at),
-        *exact_findings_at(error_model, pair.at),
-        *_named((*pair.other.findings(model), *error_model.statics_findings(pair.other)), label),
-        *find_constant_error(summary, known, "between these poses: all robots have the same relative error"),
-        *find_coarse_bins(summary),
-    )  # fmt: skip
-    add(found)
-    joints, approach = error_model.chain.joint_names, pair.other.posture.approach
-    return result_at(
-        error_model, pair.at, pose, summary, pair.layout, int(seed), model,
+    layouts = sampler.to_arrays(ends[0]), sampler.to_arrays(ends[1])
+    pair = _Pair(*ends, *layouts, model, int(seed), int(samples), keep_samples, listed)
+    with run_settings.begun(start(pair.plan), SAMPLES, lambda _: {}, pair.samples) as run:
+        errors = sample_blocks(run, pair)
+    summary = finish(pair.plan, run.state, confidence, spread=_spread(pair.covariance))
+    label, joints = error_model.pose_name(other), error_model.chain.joint_names
+    there = pair.other.posture
+
+    def grounds() -> Grounds:
+        names = (error_model.pose_name(pose) or "the pose", label or "the pose relative to which errors are taken")
+        both = np.column_stack([pair.at.posture.q, there.q])
+        pairs = (pair, replace(pair, model="exact")) if model == "linear" else ()
+        absolute = [np.abs(quantity_values(one.errors(0, BLOCK))) for one in pairs]
+        return grounds_at(error_model, both, names, both=pairwise(absolute))
+
+    return _result(
+        error_model, pair.at, pose, pair, summary, errors, known, grounds,
+        "between these poses: all robots have the same relative error",
+        before=_named((*pair.other.findings(model), *error_model.statics_findings(pair.other)), label),
         relative_to=RelativeTo(
-            label, dict(zip(joints, map(float, pair.other.posture.q), strict=True)), written_approach(joints, approach)
+            label, dict(zip(joints, map(float, there.q), strict=True)), written_approach(joints, there.approach)
         ),
         nominal=pair.at.tangent[0] - pair.other.tangent[0],
-        warnings=tuple(str(finding) for finding in (*known, *found)),
-        errors=np.concatenate(kept, axis=1) if keep_samples else None,
-        findings=known,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _PairErrors:
+    """Relative errors ``(6, count)`` of consecutive blocks."""
+
+    plan: Plan
+    errors: Array
+
+    @property
+    def count(self) -> int:
+        return self.errors.shape[1]
+
+    def add_to(self, state: State) -> State:
+        """Return the state with these errors added."""
+        return observe(self.plan, state, self.errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -534,6 +464,9 @@ class _Pair:
     other_layout: SamplerArrays
     model: Literal["exact", "linear"]
     seed: int
+    samples: int
+    keep_errors: bool
+    specifications: tuple[Specification, ...]
 
     @cached_property
     def is_same_pose(self) -> bool:
@@ -565,8 +498,14 @@ class _Pair:
             total = total + covariance.scaled(1.0 - mask).between(at.jacobian, at.jacobian)
         return total
 
-    def plan(self, specifications: tuple[Specification, ...]) -> Plan:
-        """Return centres and bins, from the first robots of the seed."""
+    def observe(self, first_block: int, blocks: int) -> _PairErrors:
+        """Return the errors of some blocks."""
+        first = first_block * BLOCK
+        return _PairErrors(self.plan, self.errors(first, min(blocks * BLOCK, self.samples - first)))
+
+    @cached_property
+    def plan(self) -> Plan:
+        """Centres and bins, from the first robots of the seed."""
         here, there, shared = self.at.tangent[1], self.other.tangent[1], self.shared
         space = self.at.space
         own = [draw for draw, rows in zip(space.draws, space.slices, strict=True) if not shared[rows].any()]
@@ -577,7 +516,7 @@ class _Pair:
             (self.at.error_at_means - self.other.error_at_means, self.covariance),
             reach(self.at, self.layout, np.where(shared, np.abs(here - there), np.abs(here) + np.abs(there))),
             first_order_skewness((*space.draws, *own), columns),
-            specifications,
+            self.specifications,
         )
 
 

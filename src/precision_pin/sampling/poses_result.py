@@ -126,11 +126,13 @@ class PosesSpecification(Record):
 
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Probabilities of the quantiles."""
-POSE_ARRAYS: Final = (
-    "mean", "covariance", "norm_mean", "norm_std", "norm_max", "quantile", "quantile_interval", "quantile_resolution",
-    "probability", "probability_interval",
-)  # fmt: skip
-"""Arrays of a result whose last axis is the pose, in the order of JSON and journal."""
+POSE_ARRAYS: Final = {
+    "mean": (6,), "covariance": (6, 6), "norm_mean": (2,), "norm_std": (2,), "norm_max": (2,),
+    "quantile": (len(LEVELS), 2), "quantile_interval": (len(LEVELS), 2, 2), "quantile_resolution": (len(LEVELS), 2),
+    "probability": (0,), "probability_interval": (0, 2),
+}  # fmt: skip
+"""Arrays of a result whose last axis is the pose, in the order of JSON and journal: their other axes, 0 for one of as many
+entries as there are specifications."""
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 

@@ -6,15 +6,14 @@ import logging
 import multiprocessing
 import os
 import signal
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, Protocol, Self, TypeVar
 
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.errors import InputError, PrecisionPinError
@@ -32,32 +31,34 @@ class Submitter(Protocol):
         """Submit a call and return its future, which has ``result()``."""
 
 
-class Observing(Protocol):
-    """Work done in blocks that can be pickled, such as :class:`precision_pin.sampling.blocks.Work`."""
-
-    def observe(self, first_block: int, blocks: int, /) -> Any:
-        """Return the statistics of blocks."""
-
-
 def available_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class Workers(ABC):
-    """Workers that compute tasks.
+class Workers:
+    """Executor of tasks; leaving its context ends it, as :meth:`close` does.
 
     Attributes:
         most: Most submitted tasks: twice the number of workers, so that none waits.
         blocks_in_a_task: Most blocks in a task, large enough that submitting it costs little.
     """
 
-    most: int
-    blocks_in_a_task: int = 16
+    blocks_in_a_task: int = 64
 
-    @abstractmethod
-    def submit(self, work: Observing, first_block: int, blocks: int) -> Any:
-        """Submit a task and return its future."""
+    def __init__(self, executor: Any, most: int) -> None:
+        self.most = most
+        self._executor = executor
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        self.close(done=kind is None)
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
+        """Submit a call and return its future."""
+        return self._executor.submit(function, *arguments)
 
     def is_done(self, future: Any) -> bool:
         """Return whether a task has ended; False if its future cannot tell."""
@@ -65,28 +66,21 @@ class Workers(ABC):
         return bool(done()) if callable(done) else False
 
     def result(self, future: Any) -> Any:
-        """Wait for a task and return its blocks."""
+        """Wait for a task and return its result."""
         return future.result()
 
-    @abstractmethod
     def close(self, *, done: bool) -> None:
-        """End the workers; ``done`` states that no task is running."""
+        """End the workers after waiting for the running tasks; ``done`` states that there are none."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
 
 
 class Threads(Workers):
     """Threads of this process; the sampler releases Python's global lock."""
 
+    blocks_in_a_task = 16
+
     def __init__(self, threads: int) -> None:
-        self.most = 2 * threads
-        self._pool = ThreadPoolExecutor(max_workers=threads)
-
-    def submit(self, work: Observing, first_block: int, blocks: int) -> Future[Any]:
-        """Submit a task and return its future."""
-        return self._pool.submit(work.observe, first_block, blocks)
-
-    def close(self, *, done: bool) -> None:
-        """End the threads after waiting for the running tasks."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        super().__init__(ThreadPoolExecutor(threads), 2 * threads)
 
 
 class Processes(Workers):
@@ -96,20 +90,17 @@ class Processes(Workers):
     (The pool of :mod:`concurrent.futures` shares one pipe and hangs if a process is killed while sending a result.)
     """
 
-    blocks_in_a_task = 64
-
     def __init__(self, processes: int) -> None:
-        self.most = 2 * processes
+        super().__init__(ThreadPoolExecutor(processes), 2 * processes)
         self._idle: SimpleQueue[_Process | None] = SimpleQueue()
         for _ in range(processes):
             self._idle.put(None)
         self._running: set[_Process] = set()
         self._ending = False
-        self._threads = ThreadPoolExecutor(processes)
 
-    def submit(self, work: Observing, first_block: int, blocks: int) -> Future[Any]:
-        """Submit a task and return its future."""
-        return self._threads.submit(self._observe, work, first_block, blocks)
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
+        """Submit a call of blocks, the first and their number, and return its future."""
+        return super().submit(self._call, function, *arguments)
 
     def close(self, *, done: bool) -> None:
         """End the processes."""
@@ -117,11 +108,11 @@ class Processes(Workers):
         if not done:
             for process in list(self._running):
                 process.kill()
-        self._threads.shutdown(wait=True, cancel_futures=True)
+        super().close(done=done)
         while self._running:
             self._running.pop().end()
 
-    def _observe(self, work: Observing, first_block: int, blocks: int) -> Any:
+    def _call(self, function: Callable[..., Any], first_block: int, blocks: int) -> Any:
         process = self._idle.get()
         try:
             for _ in range(MOST_LOSSES):
@@ -131,7 +122,7 @@ class Processes(Workers):
                     process = _Process()
                     self._running.add(process)
                 try:
-                    answer = process.ask((work, first_block, blocks))
+                    answer = process.ask((function, first_block, blocks))
                 except (EOFError, OSError):
                     self._running.discard(process)
                     process.kill()
@@ -161,8 +152,8 @@ class _Process:
         self._process.start()
         other_end.close()  # so that only the child holds it, and it closes when the child ends
 
-    def ask(self, task: tuple[Observing, int, int]) -> Any:
-        """Return the blocks of a task, or the exception it raised."""
+    def ask(self, task: tuple[Callable[..., Any], int, int]) -> Any:
+        """Return the result of a task, or the exception it raised."""
         self._pipe.send(task)
         return self._pipe.recv()
 
@@ -180,9 +171,9 @@ def _serve(pipe: Connection[Any, Any]) -> None:
     """Compute blocks until the other end of the pipe is closed."""
     with suppress(EOFError, OSError):
         while True:
-            work, first_block, blocks = pipe.recv()
+            function, *arguments = pipe.recv()
             try:
-                answer = work.observe(first_block, blocks)
+                answer = function(*arguments)
             except Exception as error:  # noqa: BLE001 - raised again at the other end
                 answer = error
             pipe.send(answer)
@@ -191,33 +182,29 @@ def _serve(pipe: Connection[Any, Any]) -> None:
 class Foreign(Workers):
     """Executor given by the caller; it is not shut down."""
 
-    blocks_in_a_task = 64
-
     def __init__(self, executor: Submitter, most: int) -> None:
-        self.most = most
-        self._executor = executor
+        super().__init__(executor, most)
         self._under_way: set[Any] = set()
 
-    def submit(self, work: Observing, first_block: int, blocks: int) -> Any:
-        """Submit a task and return its future."""
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
+        """Submit a call and return its future."""
         try:
-            future = self._executor.submit(work.observe, first_block, blocks)
+            future = super().submit(function, *arguments)
         except Exception as error:
             raise self._make_error(error) from error
         self._under_way.add(future)
         return future
 
     def result(self, future: Any) -> Any:
-        """Wait for a task and return its blocks."""
+        """Wait for a task and return its result."""
         try:
-            found: Any = future.result()
+            return super().result(future)
         except PrecisionPinError:
             raise
         except Exception as error:
             raise self._make_error(error) from error
         finally:
             self._under_way.discard(future)
-        return found
 
     def _make_error(self, error: Exception) -> InputError:
         reason = " ".join(str(error).split())
@@ -309,19 +296,44 @@ def _connect_client(connect: Callable[..., Any], address: str) -> Any:
         return connect(address, timeout=PATIENCE, set_as_default=False)
 
 
+class InOrder(Iterator[tuple[Any, Any]]):
+    """Keys and results of tasks, in the order of the tasks; workers compute a few ahead.
+
+    Args:
+        tasks: Each a key, a function and its arguments.
+    """
+
+    def __init__(self, workers: Workers, tasks: Iterable[tuple[Any, ...]]) -> None:
+        self._workers = workers
+        self._tasks = iter(tasks)
+        self._under_way: deque[tuple[Any, Any]] = deque()
+
+    def begin_no_more(self) -> None:
+        """End after the tasks under way."""
+        self._tasks = iter(())
+
+    def __next__(self) -> tuple[Any, Any]:
+        workers, under_way = self._workers, self._under_way
+        # a result that is there comes at once: with few robots, preparing tasks takes longer than sampling
+        while len(under_way) < workers.most and not (under_way and workers.is_done(under_way[0][1])):
+            task = next(self._tasks, None)
+            if task is None:
+                break
+            under_way.append((task[0], workers.submit(*task[1:])))
+        if not under_way:
+            raise StopIteration
+        key, future = under_way[0]
+        result = workers.result(future)
+        under_way.popleft()
+        return key, result
+
+
 def in_order(tasks: Iterable[Callable[[], Found]], threads: int) -> Generator[Found, None, None]:
     """Yield the results of tasks in order; threads run a few ahead."""
-    with ExitStack() as stack:
-        pool = ThreadPoolExecutor(threads)
-        # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
-        stack.callback(pool.shutdown, wait=True, cancel_futures=True)
-        under_way: deque[Future[Found]] = deque()
-        for task in tasks:
-            under_way.append(pool.submit(task))
-            if len(under_way) >= 2 * threads:
-                yield under_way.popleft().result()
-        while under_way:
-            yield under_way.popleft().result()
+    # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
+    with Threads(threads) as workers:
+        for _, found in InOrder(workers, ((None, task) for task in tasks)):
+            yield found
 
 
 @contextmanager

@@ -33,7 +33,7 @@ from precision_pin.analyses.allocation.tolerances import (
     contributions,
     in_deviations,
 )
-from precision_pin.analyses.provenance import Provenance, check_common
+from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.analyses.shares import by_draw, reaches
 from precision_pin.base.arguments import check_number, check_whole
@@ -44,6 +44,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import pose_findings
+from precision_pin.sampling.run import check_common
 from precision_pin.statistics import COMPONENTS, NO_GROUNDS, QUANTITIES, Grounds, Specification
 from precision_pin.statistics.summary import Verdict, judge
 

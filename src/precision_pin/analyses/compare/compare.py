@@ -20,7 +20,7 @@ from precision_pin.analyses.shares import source_lines
 from precision_pin.base.arguments import check_instance, check_items, check_memory, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, shortened, shown, visible, warns_at_end
-from precision_pin.base.progress import steps_to
+from precision_pin.base.progress import check_progress, steps_to
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import check_seed
@@ -29,7 +29,7 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import milli, resting_on, symbol
 from precision_pin.render.text_table import aligned
-from precision_pin.sampling import Progress, check_progress, monte_carlo
+from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.blocks import first_order_skewness
 from precision_pin.sampling.result import MonteCarloResult
 from precision_pin.sampling.table import demanded, verdict_line

@@ -18,7 +18,7 @@ from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_items, check_numbers
 from precision_pin.base.arrays import Array, Fixed, Keys
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
-from precision_pin.base.progress import steps_to
+from precision_pin.base.progress import check_progress, steps_to
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import tangents
 from precision_pin.model.verdict_grounds import strained_findings
@@ -27,7 +27,7 @@ from precision_pin.render.tables import data_frame, milli
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.configurations import approach_entry, written_approach
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
-from precision_pin.sampling import Progress, check_progress
+from precision_pin.sampling import Progress
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.analyses.iso9283 import figures as formulas
 from precision_pin.analyses.iso9283.cube import paths_of_approach, standard_poses
 from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
-from precision_pin.analyses.provenance import PoseLabel, Provenance, check_common
+from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.base import arguments, se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
@@ -33,6 +33,7 @@ from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores
 from precision_pin.sampling.approaches import ApproachErrors, sample_approaches
+from precision_pin.sampling.run import check_common
 from precision_pin.sampling.workers import in_order
 from precision_pin.statistics import NO_GROUNDS, NO_SPREAD, SpecificationResult, clopper_pearson
 from precision_pin.statistics.plan import specification

@@ -20,7 +20,7 @@ from precision_pin.analyses.first_order import (
     principal_axes,
 )
 from precision_pin.analyses.map.map_verdicts import FIRST_ROUND, ROUNDS, Judged, MapVerdict, Sampled, map_verdicts
-from precision_pin.analyses.provenance import Pose, PosesGiven, Provenance, approached, check_common, pose_set
+from precision_pin.analyses.provenance import Pose, PosesGiven, Provenance, approached, pose_set
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.analyses.shares import source_lines
 from precision_pin.base.arguments import check_memory, check_path, check_whole
@@ -39,6 +39,7 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.poses_result import LEVELS
+from precision_pin.sampling.run import check_common
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
 from precision_pin.statistics.plan import Specifications, listed_specifications

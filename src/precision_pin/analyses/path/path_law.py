@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.provenance import PosesGiven, Provenance, approached, check_common, pose_set
+from precision_pin.analyses.provenance import PosesGiven, Provenance, approached, pose_set
 from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_memory, check_number, check_whole
@@ -40,6 +40,7 @@ from precision_pin.render.tables import data_frame, interval_columns, milli, qua
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores
+from precision_pin.sampling.run import check_common
 from precision_pin.sampling.workers import in_order
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult
 from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks
