@@ -33,6 +33,7 @@ import pytest
 from cli.conftest import undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from precision_pin import cli
 from precision_pin.base.errors import InputError
+from precision_pin.cli import exit_codes
 from precision_pin.cli.explain import list_codes
 from precision_pin.cli.program import list_commands
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS
@@ -433,7 +434,7 @@ def test_every_command_has_a_section_and_every_exit_code_a_row():
     assert set(list_commands()) <= set(re.findall(r"^## `([\w-]+)`", text, re.MULTILINE))
     codes = {int(cells[0]) for cells in rows("command-line.md", "exit code")}
     ended = {128 + number for number in cli.interrupts.NAMES}
-    assert codes == {0, cli.EXIT_SPEC, cli.EXIT_INPUT, cli.EXIT_INTERNAL} | ended
+    assert codes == {0, exit_codes.EXIT_SPEC, exit_codes.EXIT_INPUT, exit_codes.EXIT_INTERNAL} | ended
 
 
 @pytest.mark.slow

@@ -35,7 +35,6 @@ def _check(kind: object) -> str:
     return f"the name {kind.kind()!r} is taken" if kind.kind() in _own_kinds() else ""
 
 
-@cache
 def _own_kinds() -> dict[str, type[Source]]:
     kinds: dict[str, type[Source]] = {}
     for module in pkgutil.iter_modules(__path__):
