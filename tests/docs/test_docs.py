@@ -33,6 +33,7 @@ import pytest
 from cli.conftest import undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from precision_pin import cli
 from precision_pin.base.errors import InputError
+from precision_pin.base.extensions import GROUPS
 from precision_pin.cli import exit_codes
 from precision_pin.cli.explain import list_codes
 from precision_pin.cli.program import list_commands
@@ -53,7 +54,7 @@ DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.glob("*.md")))}
 QUICK = {"docs/errata.md", "docs/moments.md", "docs/start.md", "docs/sources.md", "docs/export.md", "docs/model.md"}
 """Pages whose blocks run in less than a second; those without blocks that run take no time."""
-LANGUAGES = {"python", "console", "yaml", "xml", "text"}
+LANGUAGES = {"python", "console", "yaml", "xml", "toml", "text"}
 HEAD = {"precision-pin": "1", "robot": "4dof.urdf", "tip": "tool"}
 OF_THE_RUNNER = {"pytest", "_pytest", "pluggy", "iniconfig", "xdist", "execnet"}
 SAME = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -214,6 +215,9 @@ def test_every_block_runs(page, folder, monkeypatch):
                 named = re.match(r"<!-- file: (\S+) -->\n", block.text)
                 assert named, f"{where}: the first line names the file"
                 (folder / named[1]).write_text(block.text, encoding="utf-8")
+            case "toml":
+                points = tomllib.loads(block.text)["project"]["entry-points"]
+                assert set(points) <= {f"precision_pin.{kind}" for kind in GROUPS}, where
 
 
 def run_python(block: Block, where: str, module: types.ModuleType) -> None:
