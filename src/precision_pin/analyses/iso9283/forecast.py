@@ -7,7 +7,7 @@ figures depend on model, seed and its number only, for any number of threads.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, NamedTuple
@@ -35,7 +35,7 @@ from precision_pin.sampling import Progress, available_cores
 from precision_pin.sampling.approaches import ApproachErrors, sample_approaches
 from precision_pin.sampling.run import check_common
 from precision_pin.sampling.workers import in_order
-from precision_pin.statistics import NO_GROUNDS, NO_SPREAD, SpecificationResult, clopper_pearson
+from precision_pin.statistics import NO_GROUNDS, NO_SPREAD, Grounds, SpecificationResult, clopper_pearson
 from precision_pin.statistics.plan import specification
 
 CYCLES: Final = 30
@@ -102,13 +102,7 @@ def iso9283(
     if threads is not None:
         arguments.check_whole("threads", threads, 1, 1024)
     limits = listed_limits(specifications)
-    point = np.zeros(3)
-    if target is not None:
-        point = arguments.check_quantities(
-            "the target", target, LENGTH, (3,), "three numbers in tool axes, in m or with a unit"
-        )
-    if np.abs(point).max() > _FARTHEST_TARGET:
-        raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
+    point = _measured_point(target)
     mass = arguments.check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
     if mass:
         loaded = error_model.like(error_model.chain.with_payload(mass, tuple(point.tolist())), error_model.space)
@@ -129,15 +123,9 @@ def iso9283(
     found = _find(error_model, models, names)
     add(found)
     with steps_to(progress, robots * count * cycles) as step:
-        # threads simulate groups of robots, which are joined in order
-        groups = ((first, min(ROBOTS, int(robots) - first)) for first in range(0, int(robots), ROBOTS))
-        parts = []
-        for part in in_order(
-            (partial(simulate_tests, setup, *group) for group in groups), threads or available_cores()
-        ):
-            parts.append(part)
-            step(part.AP.shape[1] * int(cycles) * count)
-        figures = RobotFigures(*(np.concatenate(of_parts, axis=-1) for of_parts in zip(*parts, strict=True)))
+        figures = _simulate(
+            setup, int(robots), threads or available_cores(), lambda tests: step(tests * int(cycles) * count)
+        )
     labels = [replace(PoseLabel.of(error_model, None, at), name=name) for at, name in zip(models, names, strict=True)]
 
     def law(values: Array) -> FigureLaw:
@@ -157,39 +145,10 @@ def iso9283(
         )
         for pose in range(count)
     }
-    exchange, absent = _exchangeability(error_model, figures.first)
-    # most robots for vAP and drift: all their visits are kept at once
-    tested = min(int(robots), 10_000)
-    approached = approach_figures(error_model, models[0].posture.q, point, tested, int(cycles), int(seed))
-    if approached is None:
-        absent |= dict.fromkeys(("vAP", "RP_bidirectional"), "no source of the sheet follows the direction of approach")
-    drift = drift_from_cold(error_model, models[0].posture.q, point, tested, int(cycles), int(seed))
-    if drift is None:
-        absent["drift"] = "no thermal source has a time_constant"
-    has_distance = len(figures.AD) > 0
-    if not has_distance:
-        absent |= dict.fromkeys(("AD", "RD"), "between P2 and P4, which needs four poses")
-    found_once = {
-        "AD": figures.AD[0] if has_distance else None,
-        "RD": figures.RD[0] if has_distance else None,
-        "E": exchange,
-        "vAP": approached and approached.variation,
-        "RP_bidirectional": approached and approached.bidirectional,
-        "drift": drift,
-    }
-    single = {name: None if values is None else law(values) for name, values in found_once.items()}
-    grounds, verdicts = grounds_at(error_model, values, list(forecasts)) if limits else NO_GROUNDS, []
-    for one in limits:
-        if one.figure not in single:
-            largest = np.abs([getattr(at, one.figure).values for at in forecasts.values()]).max(axis=0)
-        elif (of_test := single[one.figure]) is not None:
-            largest = np.abs(of_test.values)
-        else:
-            why = absent[one.figure]
-            raise InputError(f"a specification limits {one.figure}, which this forecast does not have: {why}")
-        kept, differs = int((largest <= one.limit).sum()), bool(largest.max() - largest.min() > NO_SPREAD)
-        share, interval = kept / largest.size, clopper_pearson(kept, largest.size, confidence)
-        verdicts.append(SpecificationResult(one.figure, one.limit, one.required, share, interval, differs, grounds))
+    of_test, absent = _figures_of_test(error_model, figures, models[0].posture.q, setup, int(robots))
+    single = {name: None if values is None else law(values) for name, values in of_test.items()}
+    grounds = grounds_at(error_model, values, list(forecasts)) if limits else NO_GROUNDS
+    verdicts = [_judge(limit, forecasts, single, absent, confidence, grounds) for limit in limits]
     return Iso9283Result(
         provenance=Provenance.of(error_model, seed),
         cycles=int(cycles),
@@ -208,6 +167,73 @@ def iso9283(
         findings=known,
         warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
     )
+
+
+def _measured_point(target: ArrayLike | None) -> Array:
+    if target is None:
+        return np.zeros(3)
+    what = "three numbers in tool axes, in m or with a unit"
+    point = arguments.check_quantities("the target", target, LENGTH, (3,), what)
+    if np.abs(point).max() > _FARTHEST_TARGET:
+        raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
+    return point
+
+
+def _simulate(setup: Setup, robots: int, threads: int, step: Callable[[int], object]) -> RobotFigures:
+    """Return the figures of robots; threads simulate groups of them, which are joined in order."""
+    groups = (partial(simulate_tests, setup, first, min(ROBOTS, robots - first)) for first in range(0, robots, ROBOTS))
+    parts = []
+    for part in in_order(groups, threads):
+        parts.append(part)
+        step(part.AP.shape[1])
+    return RobotFigures(*(np.concatenate(of_parts, axis=-1) for of_parts in zip(*parts, strict=True)))
+
+
+def _figures_of_test(
+    error_model: ErrorModel, figures: RobotFigures, q: Array, setup: Setup, robots: int
+) -> tuple[dict[str, Array | None], dict[str, str]]:
+    """Return the figures of a test that has one for all its poses, by name, and why some are absent; ``q`` is P1."""
+    exchange, absent = _exchangeability(error_model, figures.first)
+    # most robots for vAP and drift: all their visits are kept at once
+    tested = min(robots, 10_000)
+    approached = approach_figures(error_model, q, setup.target, tested, setup.cycles, setup.seed)
+    if approached is None:
+        absent |= dict.fromkeys(("vAP", "RP_bidirectional"), "no source of the sheet follows the direction of approach")
+    drift = drift_from_cold(error_model, q, setup.target, tested, setup.cycles, setup.seed)
+    if drift is None:
+        absent["drift"] = "no thermal source has a time_constant"
+    has_distance = len(figures.AD) > 0
+    if not has_distance:
+        absent |= dict.fromkeys(("AD", "RD"), "between P2 and P4, which needs four poses")
+    return {
+        "AD": figures.AD[0] if has_distance else None,
+        "RD": figures.RD[0] if has_distance else None,
+        "E": exchange,
+        "vAP": None if approached is None else approached.variation,
+        "RP_bidirectional": None if approached is None else approached.bidirectional,
+        "drift": drift,
+    }, absent
+
+
+def _judge(
+    limit: FigureLimit,
+    forecasts: Mapping[str, PoseForecast],
+    single: Mapping[str, FigureLaw | None],
+    absent: Mapping[str, str],
+    confidence: float,
+    grounds: Grounds,
+) -> SpecificationResult:
+    """Return the verdict on a limit: of a figure of poses, on its largest value in a test."""
+    if limit.figure not in single:
+        largest = np.abs([getattr(forecast, limit.figure).values for forecast in forecasts.values()]).max(axis=0)
+    elif (law := single[limit.figure]) is not None:
+        largest = np.abs(law.values)
+    else:
+        why = absent[limit.figure]
+        raise InputError(f"a specification limits {limit.figure}, which this forecast does not have: {why}")
+    inside, differs = int((largest <= limit.limit).sum()), bool(largest.max() - largest.min() > NO_SPREAD)
+    share, interval = inside / largest.size, clopper_pearson(inside, largest.size, confidence)
+    return SpecificationResult(limit.figure, limit.limit, limit.required, share, interval, differs, grounds)
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:

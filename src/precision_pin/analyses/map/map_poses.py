@@ -504,13 +504,8 @@ def map_poses(
     listed = listed_specifications(specifications)
     given = pose_set(error_model, poses)
     lines = source_lines(error_model)
-    vectors = list(dict.fromkeys((*_NORMS, *(one.components for one in listed))))
-    # the bounds of a vector have 25 numbers; relative errors have as many as absolute ones
-    moments = len(lines) + 25 * len(vectors) + 42 * (1 if relative_to is None else 2)
-    # computed in parts beside the joints' frames and Jacobians of all poses, then joined
-    # bytes of a pose beside its moments: names, quantiles and their bounds
-    needed = 8 * (moments + max(moments, 29 * len(given.q) + 22)) + 700
-    check_memory(float(needed * len(given)), f"a map of {len(given):,} poses", "map fewer of them at a time")
+    vectors = list(dict.fromkeys((*_NORMS, *(limit.components for limit in listed))))
+    _check_size(given, len(lines), len(vectors), is_relative=relative_to is not None)
     if not given.known.any():
         raise InputError(f"none of the {len(given):,} poses has joint values: {given.counts}")
     reference = None if relative_to is None else error_model.at(relative_to)
@@ -579,6 +574,16 @@ def map_poses(
     strained = strained_findings(error_model, pose, labels[highest], first_order=samples is None)
     add((*found, *strained))
     return replace(result, warnings=(*result.warnings, *map(str, strained)))
+
+
+def _check_size(poses: PoseSet, sources: int, vectors: int, *, is_relative: bool) -> None:
+    """Raise InputError if the map does not fit into memory."""
+    # the bounds of a vector have 25 numbers; relative errors have as many as absolute ones
+    moments = sources + 25 * vectors + 42 * (1 + is_relative)
+    # computed in parts beside the joints' frames and Jacobians of all poses, then joined
+    # bytes of a pose beside its moments: names, quantiles and their bounds
+    needed = 8 * (moments + max(moments, 29 * len(poses.q) + 22)) + 700
+    check_memory(float(needed * len(poses)), f"a map of {len(poses):,} poses", "map fewer of them at a time")
 
 
 def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = False) -> int:
