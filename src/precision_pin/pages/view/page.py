@@ -89,28 +89,15 @@ def page(
         raise InputError(f"the cloud can show 1 to {scales.MOST_POINTS:,} points, got {points!r}")
     posture = poses[0].pose_model.posture
     length = scales.arm_length(posture)
-    postures = [one.pose_model.posture for one in poses]
     direction = scales.view_direction(posture, poses[0].errors[:3])
     about_mean = any(scales.middle_of(one.errors[:3]).any() for one in poses)
-
-    def choose_factor(is_about_mean: bool) -> float:
-        means = [one.errors[:3].mean(axis=1, keepdims=True) * is_about_mean for one in poses]
-        return min(
-            scales.default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
-            for one, mean in zip(poses, means, strict=True)
-        )
-
-    factors = [choose_factor(False), choose_factor(True)] if factor is None else [float(factor)] * 2
+    factors = [float(factor)] * 2 if factor is not None else _factors(poses, direction)
     first_factor = factors[about_mean]
     scale = ColourScale.of(np.concatenate([np.linalg.norm(one.errors[:3], axis=0) for one in poses]))
     spacing = round_number(0.125 * length)
-
     scene = Scene()
     parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
-    steps = spacing * np.arange(-_GRID_HALF, _GRID_HALF + 1)
-    reach = _GRID_HALF * spacing
-    ends = [((at, -reach, 0.0), (at, reach, 0.0), (-reach, at, 0.0), (reach, at, 0.0)) for at in steps]
-    scene.segments(("grid",), np.concatenate(ends).T, (0.60, 0.64, 0.69, 1.0))
+    _draw_grid(scene, spacing)
     for layer in layers:
         layer.draw(scene, length)
     pose_models = [one.pose_model for one in poses]
@@ -121,7 +108,6 @@ def page(
     # MCPC frames 0 to n + 1, the tip (Wei, Jia and Chen, 2015, Fig 4), each in its chain link
     frames = mcpc.from_chain(posture.chain).frame_in_link
     standing = [*enumerate(frames), (len(frames) - 1, posture.chain.placements[-1])]
-    pose_settings = [one.settings for one in data]
     settings = {
         "factor": first_factor,
         "factors": factors,
@@ -136,24 +122,10 @@ def page(
         "stops": scale.stops,
         "darkStops": scale.dark_stops,
         "colours": [scale.smallest, scale.largest],
-        "seed": seed,
-        "levels": LEVELS,
-        "confidence": CONFIDENCE,
-        "limits": [
-            {
-                "row": QUANTITIES.index(one.quantity),
-                "limit": one.limit,
-                "required": one.required,
-                "text": limit_text(one),
-            }
-            for one in specifications
-        ],
-        "tolerances": shown_names(groups.names),
-        "joints": shown_names(posture.chain.joint_names),
         "parts": [{"name": part.name, "link": part.link, "frame": columns(part.frame)} for part in parts],
         "mcpc": [{"link": link, "frame": columns(frame)} for link, frame in standing],
-        "deviations": share_rows(pose_settings),
-        "poses": pose_settings,
+        **_settings_of_answers(data, common),
+        "joints": shown_names(posture.chain.joint_names),
     }
     texts = data[0].texts
     spans = {name: f"<span id='{name}'>{escaped(text)}</span>" for name, text in texts.items()}
@@ -218,6 +190,50 @@ def page(
         under_more=ghosts_line if is_limit_drawn else limit_line,
         no_shares="" if groups.names else " disabled",
     )
+
+
+def _factors(poses: Sequence[ViewPose], direction: Array) -> list[float]:
+    """Return the initial exaggeration of errors drawn from zero, and of errors drawn from their mean."""
+    postures = [one.pose_model.posture for one in poses]
+
+    def choose(*, about_mean: bool) -> float:
+        means = [one.errors[:3].mean(axis=1, keepdims=True) * about_mean for one in poses]
+        return min(
+            scales.default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
+            for one, mean in zip(poses, means, strict=True)
+        )
+
+    return [choose(about_mean=False), choose(about_mean=True)]
+
+
+def _draw_grid(scene: Scene, spacing: float) -> None:
+    """Draw lines ``spacing`` m apart on the ground."""
+    reach = _GRID_HALF * spacing
+    steps = spacing * np.arange(-_GRID_HALF, _GRID_HALF + 1)
+    ends = [((at, -reach, 0.0), (at, reach, 0.0), (-reach, at, 0.0), (reach, at, 0.0)) for at in steps]
+    scene.segments(("grid",), np.concatenate(ends).T, (0.60, 0.64, 0.69, 1.0))
+
+
+def _settings_of_answers(data: Sequence[PoseData], common: PageData) -> dict[str, object]:
+    """Return the settings of what the scripts compute: quantiles, verdicts and the effect of other tolerances."""
+    poses = [one.settings for one in data]
+    return {
+        "seed": common.seed,
+        "levels": LEVELS,
+        "confidence": CONFIDENCE,
+        "limits": [
+            {
+                "row": QUANTITIES.index(one.quantity),
+                "limit": one.limit,
+                "required": one.required,
+                "text": limit_text(one),
+            }
+            for one in common.specifications
+        ],
+        "tolerances": shown_names(common.groups.names),
+        "deviations": share_rows(poses),
+        "poses": poses,
+    }
 
 
 def _optional_layers(data: Sequence[PoseData], specifications: Sequence[Specification], is_drawn: bool) -> list[str]:
