@@ -325,6 +325,29 @@ def test_everything_can_be_reached_and_used_by_keyboard(three_visit):
     assert found["pose"] == 2
 
 
+def test_the_tip_and_its_cloud_stay_in_the_window_when_the_pose_changes(limited, shown):
+    visit = limited
+    visit.page.click("#look-arm")
+    script = """(places) => places.map(([x, y, z]) =>
+      new MeshCat.THREE.Vector3(x, z, -y).project(precisionPin.viewer.camera).toArray())"""
+
+    def in_window(places):
+        projected = np.array(visit.page.evaluate(script, places.T.tolist()))
+        return (np.abs(projected[:, :2]) <= 1).all() and (projected[:, 2] < 1).all()
+
+    for number in (1, 0):
+        visit.page.fill("#pose", str(number))
+        tip = shown[number].pose_model.posture.pose[:3, 3]
+        assert in_window(tip[:, None] + state(visit)["factor"] * shown[number].errors[:3])
+    # a reader who has come near keeps the tip in sight
+    visit.page.click("#look-tip")
+    visit.page.evaluate("precisionPin.viewer.controls.dispatchEvent({ type: 'end' }); null")
+    visit.page.fill("#pose", "1")
+    assert in_window(shown[1].pose_model.posture.pose[:3, [3]])
+    visit.page.click("#look-arm")
+    visit.page.fill("#pose", "0")
+
+
 def set_tolerances(visit: Visit, *scales: float) -> None:
     """Set the slider of each tolerance, in the order of `sampled`."""
     script = """(wanted) => { for (const line of document.querySelectorAll("#sliders li")) {
@@ -372,6 +395,7 @@ def test_moved_tolerances_are_those_of_a_changed_sheet(limited, tmp_path):
         inner = (matrix(given)[:3, :3] / found["factor"]) @ (matrix(given)[:3, :3] / found["factor"]).T
         wanted = expected.matrix[:3, :3] @ expected.matrix[:3, :3].T
         assert_allclose(inner, wanted, atol=0.02 * np.abs(wanted).max())
+    assert shown[5].endswith(f"; {found['count']:,} robots")
     assert visit.page.is_visible("#changed")
     assert "first order" in visit.page.inner_text("#changed")
     visit.page.click("#reset")
@@ -528,6 +552,24 @@ def test_the_cloud_is_seen_through_the_arm_in_the_colours_of_the_bar(context, tm
     stop = data_block(text, "settings")["stops"][0]
     colour = [int(stop[k : k + 2], 16) for k in (1, 3, 5)]
     assert (np.abs(picture(visit) - colour).max(axis=-1) <= 2).any()
+
+
+def test_the_cloud_is_seen_through_meshes_without_ghosts_of_the_arm(context, tmp_path):
+    model = pp.ErrorModel.load(PAPER_SHEET.with_name("ur5.errors.yaml"))
+    at = model.at()
+    visit = opened(context, tmp_path, simple_page(at, at.exact(model.space.sample(0, 0, 5000))))
+
+    def dots():
+        with_cloud = picture(visit)
+        visit.page.uncheck("#show-cloud")
+        without = picture(visit)
+        visit.page.check("#show-cloud")
+        return (np.abs(with_cloud - without).max(axis=-1) > 30).sum()
+
+    visit.page.uncheck("#show-inner")
+    over_the_arm = dots()
+    visit.page.uncheck("#show-arm")
+    assert over_the_arm > 0.95 * dots()
 
 
 def test_on_a_phone_nothing_is_off_the_screen_and_the_settings_unfold(browser, tmp_path, shown):

@@ -190,7 +190,16 @@ def _draw_curves(
     for poses, (colour, label) in zip(_marked(result), _MARKS, strict=True):
         at = poses[nodes]
         if at.any():
-            axes.plot(places[at], top[at], "o", color=colour, markersize=3.5, label=label)
+            axes.plot(
+                places[at],
+                top[at],
+                "o",
+                color=colour,
+                markersize=3.5,
+                label=label,
+                markeredgecolor=BLACK,
+                markeredgewidth=0.4,
+            )
     axes.set_xlabel(layout.names[0])
     if layout.kind == "list":
         labels = [shortened(visible(result.poses.labels[pose]), _MOST_LETTERS) for pose in nodes]
@@ -216,7 +225,7 @@ def _draw_field(
         axes.scatter(*places[:, ~known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
     for poses, (colour, name) in zip(marked, _MARKS, strict=True):
         if poses.any():
-            axes.scatter(*places[:, poses], c=colour, s=3, marker="o", linewidths=0, label=name)
+            axes.scatter(*places[:, poses], c=colour, s=5, marker="o", linewidths=0.4, edgecolors=BLACK, label=name)
     axes.set_xlabel(layout.names[0])
     axes.set_ylabel(layout.names[1])
     axes.set_aspect("equal")

@@ -61,6 +61,15 @@ function cloudCorners() {
   return points.map((point) => point.applyMatrix4(errors.matrixWorld));
 }
 
+// a box about the errors of a pose as they are drawn
+function boxCorners(pose) {
+  pose.box ??= new THREE.Box3().setFromArray(pose.points);
+  const middle = aboutMean ? pose.mean.slice(0, 3) : [0, 0, 0];
+  const tip = pose.tip.slice(12, 15);
+  return [...Array(8).keys()].map((corner) => new THREE.Vector3(...["x", "y", "z"].map((axis, k) =>
+    tip[k] + factor * ((corner >> k) & 1 ? pose.box.max : pose.box.min)[axis] - factor * middle[k])).applyMatrix4(base.matrixWorld));
+}
+
 // the side of the tip where the arm is not: of many directions from above, the one that the arm is farthest from
 function freeSide(pose) {
   const tip = new THREE.Vector3(...pose.tip.slice(12, 15));
@@ -101,6 +110,7 @@ function look(what) {
     for (const stands of poses.flatMap((one) => [...one.links, one.tip])) {
       points.push(new THREE.Vector3(...stands.slice(12, 15)).applyMatrix4(base.matrixWorld));
     }
+    points.push(...poses.filter((one) => one !== pose).flatMap(boxCorners));
     lookAt(points, settings.from);
   } else {
     lookAt(points, freeSide(pose));
@@ -108,9 +118,15 @@ function look(what) {
   document.body.dataset.look = what;
 }
 
-// at the end effector the camera goes with it
+function isInWindow(place) {
+  viewer.camera.updateMatrixWorld();
+  const { x, y, z } = toScene(place).project(viewer.camera);
+  return Math.max(Math.abs(x), Math.abs(y)) < 0.9 && z < 1;
+}
+
+// the camera goes with the end effector if it looks at it, or if the end effector would leave the window
 function follow(before, after) {
-  if (looking === "tip") {
+  if (looking === "tip" || !isInWindow(after)) {
     const way = toScene(after).sub(toScene(before));
     viewer.camera.position.add(way);
     viewer.controls.target.add(way);

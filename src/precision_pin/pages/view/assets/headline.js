@@ -59,7 +59,9 @@ function sizeLine(sample, live) {
   const count = sample.positions.length / 3;
   const sizes = Float64Array.from({ length: count }, (_, at) => quantityOf(0, sample, at)).sort();
   const [unit, per] = sizes[count - 1] < 1e-4 ? ["µm", 1e6] : ["mm", 1e3];
-  const robots = `${count.toLocaleString("en")} robots`;
+  const all = poses[current].points.length / 3;
+  const robots = count === all
+    ? `${count.toLocaleString("en")} robots` : `${count.toLocaleString("en")} of ${all.toLocaleString("en")} robots, which follow the sliders`;
   if (sizes[count - 1] - sizes[0] <= 1e-12) {
     return [`Every robot within ${(per * sizes[count - 1]).toPrecision(4)} ${unit}`, `${robots}, all alike`, ""];
   }
