@@ -89,6 +89,13 @@ def fill(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] = importlib.import_module("generate").built(f"{docname}.md", source[0])
 
 
+def fill_gallery(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Run the scripts that the gallery lists."""
+    if docname == "gallery":
+        sys.path.insert(0, str(PAGES))
+        source[0] = importlib.import_module("gallery").filled(source[0], app.srcdir / "_build" / "gallery")
+
+
 def add_index_entries(app: Sphinx, docname: str, source: list[str]) -> None:
     """Make the words of the glossary entries of the index, which a search puts first."""
     del app
@@ -102,18 +109,19 @@ def add_index_entries(app: Sphinx, docname: str, source: list[str]) -> None:
 def escape_marks(app: Sphinx, what: str, name: str, it: object, options: object, lines: list[str]) -> None:
     """Keep reStructuredText from reading ``|d|`` and ``w_`` in docstrings as references, and ```x``` as a title.
 
-    Formulas that stand indented in a module's docstring stay as they are written.
+    Formulas that stand indented in a module's docstring stay as they are written, and so do examples.
     """
     del app, name, it, options
     read: list[str] = []
-    is_formula = False
+    is_formula = is_example = False
     for line, before in zip(lines, ["", *lines], strict=False):
+        is_example = bool(line.strip()) and (is_example or line.lstrip().startswith(">>>"))
         is_indented = what == "module" and line.startswith("    ")
         if is_indented and not is_formula and not before:
             read += ["::", ""]
             is_formula = True
         is_formula = is_formula and (is_indented or not line)
-        if not is_formula:
+        if not is_formula and not is_example:
             parts = CODE.split(line)
             parts[::2] = [BACKTICKS.sub(r"``\1``\\ ", MARK.sub(r"\\\g<0>", part)) for part in parts[::2]]
             line = "".join(parts)
@@ -310,6 +318,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     Parser.parse_definition = lambda _: None  # the lines of definitions, for pages of the source: there are none
     app.connect("source-read", add_toctrees)
     app.connect("source-read", fill)
+    app.connect("source-read", fill_gallery)
     app.connect("source-read", add_index_entries)
     app.connect("autodoc-process-docstring", escape_marks, priority=400)  # before napoleon's
     app.connect("autodoc-process-signature", signature_as_written)

@@ -207,7 +207,7 @@ def test_the_rule_finds_a_planted_fault(rule, tmp_path):
 
 def test_code_and_tests_name_no_place_outside_the_project():
     root = PACKAGE.parent.parent
-    for folder in ("src", "tests", "scripts", "docs", "benchmarks", ".ci"):
+    for folder in ("src", "tests", "scripts", "docs", "examples", "benchmarks", ".ci"):
         for path in (root / folder).rglob("*"):
             if path.suffix in (".py", ".md", ".yaml", ".urdf", "") and path.is_file() and path != Path(__file__):
                 text = path.read_text(encoding="utf-8", errors="replace")

@@ -15,6 +15,7 @@ import functools
 import importlib
 import importlib.metadata
 import importlib.util
+import inspect
 import io
 import itertools
 import json
@@ -28,8 +29,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import precision_pin as pp
 from cli.conftest import undrawn_figures  # noqa: F401  (a fixture for all of these tests)
 from precision_pin import cli
 from precision_pin.base.errors import InputError
@@ -288,6 +291,26 @@ def test_the_runner_notices_what_is_wrong(folder, monkeypatch):
             run_console(Block("console", text, 1), page, monkeypatch)
     with pytest.raises(pytest.fail.Exception):
         read_yaml(Block("yaml", "sources:\n  - lenght: {joint: joint1}\n", 1), page, folder)
+
+
+# --- docstrings ---
+
+
+WITHOUT_EXAMPLE = {"PrecisionPinError", "Source", "ur_calibration"}
+"""Public names that nobody calls, and one that reads a file of a robot's maker."""
+SOURCES = {f"sources.{kind.__name__}": kind for kind in catalogue().values()}
+PUBLIC = {name: getattr(pp, name) for name in pp.__all__} | SOURCES | {"mcpc.from_chain": pp.mcpc.from_chain}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name, it in PUBLIC.items() if not inspect.ismodule(it)])
+def test_examples_of_docstrings_print_what_stands_there(name, folder):
+    tests = doctest.DocTestFinder().find(PUBLIC[name], name, module=False, globs={"pp": pp, "np": np})
+    assert bool(tests[0].examples) is (name not in WITHOUT_EXAMPLE)
+    runner, printed = doctest.DocTestRunner(), io.StringIO()
+    for test in tests:
+        runner.run(test, out=printed.write)
+    assert not runner.failures, printed.getvalue()
 
 
 # --- links ---

@@ -12,6 +12,7 @@ import pytest
 from sphinx.search.en import SearchEnglish
 
 import precision_pin
+from docs import gallery
 from precision_pin.cli.explain import list_codes
 from precision_pin.sources import catalogue
 from support.browser import chromium, complaints, needs_chromium, outside_requests, visited
@@ -58,6 +59,18 @@ def test_every_page_public_name_and_kind_of_source_is_there(site):
     assert {f"{kind.__module__}.{kind.__qualname__}" for kind in catalogue().values()} <= listed
 
 
+def test_the_gallery_shows_questions_answers_and_pictures(site):
+    page = (site / "gallery.html").read_text(encoding="utf-8")
+    scripts = sorted((DOCS.parent / "examples").glob("*.py"))
+    for script in scripts:
+        asked = gallery.question(script)
+        assert f">{asked}</a></p></li>" in page, script
+        is_drawn = "savefig" in script.read_text(encoding="utf-8")
+        assert (f"_images/{script.stem}.png" in page) is is_drawn, script
+        assert not is_drawn or (site / "_images" / f"{script.stem}.png").stat().st_size > 5000, script
+    assert page.count('<div class="highlight-python') == page.count('<div class="highlight-text') == len(scripts)
+
+
 def test_formulas_are_mathml_with_their_numbers(site):
     for page, fewest in (("model", 12), ("budget", 7), ("worst-case", 5), ("exact-law", 6), ("reliability", 5)):
         text = (site / f"{page}.html").read_text(encoding="utf-8")
@@ -71,8 +84,8 @@ def test_formulas_are_mathml_with_their_numbers(site):
 @pytest.mark.parametrize(
     ("scheme", "width", "pages"),
     [
-        ("light", 1280, "index model tutorial api/index"),
-        ("dark", 400, "index questions case glossary model sources api/index api/model tutorial"),
+        ("light", 1280, "index gallery model tutorial api/index"),
+        ("dark", 400, "index questions gallery case glossary model sources api/index api/model tutorial"),
     ],
 )
 def test_pages_ask_for_nothing_outside(site, scheme, width, pages):

@@ -34,6 +34,7 @@ def build(source: Path, target: Path) -> subprocess.CompletedProcess[str]:
 
 
 def main(home: Path) -> None:
+    shutil.copytree(ROOT / "examples", home / "examples")
     shutil.copytree(DOCS, home / "docs", ignore=lambda _, names: [name for name in names if LATER.search(name)])
     run = build(home / "docs", home / "html")
     made = home / "done.part"

@@ -186,6 +186,11 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
     Raises:
         InputError: Wrong poses, or more than fit into memory.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> print(pp.pose_covariance(model, ["paper", [0, 0, 0, 0]]).shape)
+        (2, 6, 2, 6)
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     values, _ = error_model.configurations(poses)

@@ -134,6 +134,13 @@ class InputError(PrecisionPinError):
 
     Args:
         findings: A message, or all findings: errors, perhaps with warnings among them.
+
+    Examples:
+        >>> try:
+        ...     pp.specification("1 mm @ 200 %")
+        ... except pp.InputError as error:
+        ...     print(error)
+        precision-pin: error E_INPUT: specification '1 mm @ 200 %': the probability must lie above 0 and below 1 (or 100 %)
     """
 
     code = "E_INPUT"

@@ -33,7 +33,9 @@ def progress(
         InputError: The total is not a whole number of zero or more.
 
     Examples:
-        ``with pp.progress(10**7) as advance: pp.monte_carlo(model, samples=10**7, progress=advance)``
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> with pp.progress(20_000) as advance:
+        ...     result = pp.monte_carlo(model, samples=20_000, progress=advance)
     """
     check_whole("the total of a progress bar", total, 0, 2**63, "of zero or more")
     check_text("what, before a progress bar,", what)

@@ -60,6 +60,13 @@ class Correlation:
             its diagonal or not positive definite. In the last case the message names the pair whose entry needs the
             smallest change; if no single entry suffices, the pair with the lowest C_ij v_i v_j, where v is the
             eigenvector of the smallest eigenvalue.
+
+    Examples:
+        >>> draws = (pp.Draw("a1", pp.Normal(1.0)), pp.Draw("a3", pp.Normal(2.0)))
+        >>> tied = pp.Correlation(("a1", "a3"), ((1.0, 0.5), (0.5, 1.0)))
+        >>> print(pp.Space(draws, (tied,)).covariance)
+        [[1. 1.]
+         [1. 4.]]
     """
 
     names: tuple[str, ...]

@@ -19,7 +19,12 @@ MOST_VISITS = 4095
 
 
 class Scope(Enum):
-    """Scope of a draw: one number for each robot, for each pose or for each visit."""
+    """Scope of a draw: one number for each robot, for each pose or for each visit.
+
+    Examples:
+        >>> pp.Scope("visit")
+        <Scope.VISIT: 'visit'>
+    """
 
     UNIT = "unit"
     """Once for each built robot."""
@@ -48,6 +53,11 @@ class Draw:
         scope: How often it is drawn.
         quantities: The quantity of each number, None if unknown; empty if all are. Not compared by ``==``.
         names: Names of the numbers; empty for the draw's name with the law's suffixes.
+
+    Examples:
+        >>> gap = pp.Draw("gap", pp.Uniform(0.1e-3), pp.Scope.VISIT)
+        >>> print(gap.name, gap.scope.value)
+        gap visit
     """
 
     name: str

@@ -44,6 +44,15 @@ class Space:
     Raises:
         InputError: Two different draws, or a draw and a component of another, share a name; or
             :func:`~precision_pin.draws.correlation.check_correlations` refuses a correlation.
+
+    Examples:
+        >>> space = pp.Space((pp.Draw("pin", pp.Disc(2.0)), pp.Draw("gap", pp.Uniform(3.0))))
+        >>> print(space.components, space.sample(seed=0, first=0, count=5).shape)
+        ('pin.x', 'pin.y', 'gap') (3, 5)
+        >>> print(space.covariance)
+        [[1. 0. 0.]
+         [0. 1. 0.]
+         [0. 0. 3.]]
     """
 
     draws: tuple[Draw, ...] = ()

@@ -58,6 +58,13 @@ class ErrorModel:
             ``--beyond-limits`` does. Otherwise a specification there is ``"not judged"``, and not met.
         labels: Each source's label.
         space: All draws, the named ones first.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> offset = pp.sources.JointOffset(joint="joint1", offset=pp.Normal(1e-3))
+        >>> model = pp.ErrorModel(chain, pp.Space(), [offset], {"reach": [0, 0, 0, 0]})
+        >>> print(model.at("reach").jacobian[:3, 0])
+        [0.274 3.74  0.   ]
     """
 
     def __init__(
@@ -95,6 +102,11 @@ class ErrorModel:
 
         Raises:
             SheetError, UrdfError: Carries all findings.
+
+        Examples:
+            >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+            >>> print(list(model.poses), len(model.sources))
+            ['paper'] 15
         """
         listed = check_items("the kinds of sources", kinds, type)
         sheet = read_sheet(check_path("the path of the sheet", path), kinds=listed)
@@ -116,6 +128,13 @@ class ErrorModel:
 
         Raises:
             InputError: Carries all findings, each with the path of its key.
+
+        Examples:
+            >>> offset = {"joint": "joint1", "offset": "±1 mrad"}
+            >>> sheet = {"precision-pin": 1, "robot": "4dof.urdf", "tip": "tool", "poses": {"reach": "0 0 0 0 deg"}}
+            >>> model = pp.ErrorModel.from_dict(sheet | {"sources": [{"joint_offset": offset}]})
+            >>> print(model.space.components)
+            ('joint_offset[joint1].offset',)
         """
         listed = check_items("the kinds of sources", kinds, type)
         sheet = read_data(check_mapping("the sheet", data), check_path("the folder", folder), listed)
@@ -162,6 +181,12 @@ class ErrorModel:
 
         Raises:
             InputError: The model was not read from a sheet or a dictionary; a path that names nothing; a wrong value.
+
+        Examples:
+            >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+            >>> finer = model.with_({"axis_install[*].radius": "0.05 mm"})
+            >>> print(finer.sources[5].radius)
+            5e-05
         """
         given = check_mapping("the changes", changes)
         if self.sheet is None:
@@ -428,6 +453,12 @@ def every_frame(chain: Chain) -> ErrorModel:
 
     Each is normal with a standard deviation of 1 mm or 1 mrad. With :func:`precision_pin.identifiability` it shows
     which combinations of geometric errors measurements can tell apart.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> model = pp.every_frame(chain)
+        >>> print(model.space.size, model.space.components[:2])
+        36 ('frame[base].x', 'frame[base].y')
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     places = [{"frame": chain.base}, *({"joint": name} for name in chain.joint_names), {"frame": chain.tip}]

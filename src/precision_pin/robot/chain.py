@@ -78,6 +78,13 @@ class Chain(Fixed):
         gravity: Gravity in base axes, m/s², ``(3,)``.
         loads: The weights of the URDF's links, and payloads.
         obstacles: What poses are checked against, as stated in a sheet; None for no check.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> print(chain.joint_names)
+        ('joint1', 'joint2', 'joint3', 'joint4')
+        >>> print(chain.at([0, 0, 0, 0]).pose[:3, 3])
+        [ 3.74  -0.274  0.085]
     """
 
     robot: Robot
@@ -476,6 +483,12 @@ class Posture:
             them.
         approach: Direction in which each joint moved last: 1, -1, or 0 if unknown; empty without an approach.
         deciding: The posture whose loads decide the side of a play, if not this one.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> posture = chain.at([0, 0, 0, 0])
+        >>> print(posture.pose[:3, 3])
+        [ 3.74  -0.274  0.085]
     """
 
     chain: Chain

@@ -176,6 +176,11 @@ class ApproachedPose:
         approach: ``"+"``, ``"-"`` or ``"0"`` (unknown, the default; 1, -1 and 0 mean the same) by joint; or for every
             joint in chain order; or as text, ``"joint1 +, joint2 -"``. In a list of poses also ``"previous"``: from the
             pose before, or for a joint that did not move from there, from the last pose from which it did.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> print(model.approach(pp.ApproachedPose("paper", "joint2 +, joint3 -")))
+        (0, 1, -1, 0)
     """
 
     pose: Any

@@ -373,6 +373,12 @@ def inverse_kinematics(
 
     Raises:
         InputError: A wrong shape, a number that is not finite, an invalid rotation, an axis of length zero.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> solutions = pp.inverse_kinematics(chain, chain.at(np.radians([10, 20, 30, 40])).pose)
+        >>> print(np.degrees(solutions.q[2]).round(6))
+        [ 30. -30.]
     """
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_choice("task", task, tuple(CONSTRAINTS))

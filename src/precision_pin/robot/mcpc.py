@@ -473,6 +473,11 @@ def from_chain(chain: JointChain) -> Mcpc:
 
     Args:
         chain: Any chain of revolute and prismatic joints.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> print(pp.mcpc.from_chain(chain).parameter_names[:4])
+        ('theta_1', 'theta_2', 'theta_3', 'theta_4')
     """
     if not all(hasattr(chain, name) for name in ("joint_names", "placements", "axes", "prismatic")):
         needs = "joint_names, placements, axes and prismatic, as a Chain has"

@@ -46,6 +46,12 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
     Raises:
         InputError: A joint is missing or has no values, a number is not finite, or there are more than 1,048,575 poses.
         UnknownNameError: No such joint on the chain.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> poses = pp.joint_grid(chain, {"joint1": 0, "joint2": "0 30 deg", "joint3": 0, "joint4": 0})
+        >>> print(poses.names)
+        ('0°', '30°')
     """
     arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     for name in arguments.check_mapping("values", values):
@@ -99,6 +105,11 @@ class Orientation(Fixed):
         rotations: Attitudes of the tip in the base to try, ``(A, 3, 3)``; with ``axis`` and ``position`` a single one.
         tool_axis: The tool axis in the tip's frame.
         label: Its name; empty if any attitude will do.
+
+    Examples:
+        >>> down = pp.Orientation.along((0, 0, -1), tool_axis=(1, 0, 0))
+        >>> print(down.task, down.label)
+        axis axis 0 0 -1
     """
 
     task: Task
@@ -180,6 +191,12 @@ def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
 
     Raises:
         InputError: No values, or numbers that are not finite.
+
+    Examples:
+        >>> print(pp.box_places(x="0.5 1 m", y=0, z="200 mm"))
+        [[0.5 1. ]
+         [0.  0. ]
+         [0.2 0.2]]
     """
     return _combinations([_row(name, given, LENGTH) for name, given in (("x", x), ("y", y), ("z", z))])
 
@@ -194,6 +211,12 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
 
     Raises:
         InputError: Directions that are not perpendicular, no values, or numbers that are not finite.
+
+    Examples:
+        >>> print(pp.plane_places("0 0 200 mm", (1, 0, 0), (0, 1, 0), "0 100 mm", "0 50 mm"))
+        [[0.   0.   0.1  0.1 ]
+         [0.   0.05 0.   0.05]
+         [0.2  0.2  0.2  0.2 ]]
     """
     needs = "three finite numbers, in m or with a unit"
     point = arguments.check_quantities("the origin of the plane", origin, LENGTH, (3,), needs)
@@ -237,6 +260,12 @@ def place_grid(
 
     Raises:
         InputError: No places or orientations, a wrong shape, or a number that is not finite.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> poses = pp.place_grid(chain, "2 0 0.3 m", pp.Orientation.free())
+        >>> print(chain.at(poses.q[:, 0]).pose[:3, 3].round(6) + 0)
+        [2.  0.  0.3]
     """
     arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     arguments.check_choice("branches", branches, get_args(Branches))
@@ -344,6 +373,12 @@ def random_poses(
 
     Raises:
         InputError: A wrong number or box, a sliding joint without limits, or too few poses within the box or reach.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> poses = pp.random_poses(chain, 20, seed=1, box=[[1, 3], [-1, 1], [0, 1]])
+        >>> print(poses.q.shape, bool(poses.position[0].min() >= 1))
+        (4, 20) True
     """
     arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     arguments.check_whole("the number of poses", count, 1, MOST_POSES)

@@ -50,6 +50,12 @@ class Postures:
 
     Attributes:
         q: Joint values in chain order, rad and m, ``(n, P)``.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> postures = chain.at_many(np.zeros((4, 100)))
+        >>> print(postures.pose.shape)
+        (4, 4, 100)
     """
 
     q: Array

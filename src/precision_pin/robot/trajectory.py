@@ -154,6 +154,13 @@ def read_trajectory(
     Raises:
         InputError: The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a
             value that is not finite; one line that says where.
+
+    Examples:
+        >>> header = "t,joint1 [deg],joint2,joint3,joint4"
+        >>> np.savetxt("swing.csv", [[0, 0, 0, 0, 0], [1, 90, 0, 0, 0]], delimiter=",", header=header, comments="")
+        >>> swing = pp.read_trajectory("swing.csv", pp.Chain.from_urdf("4dof.urdf", tip="tool"))
+        >>> print(swing.times, swing.poses.q[0].round(3))
+        [0. 1.] [0.    1.571]
     """
     check_callable("progress", progress)
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")

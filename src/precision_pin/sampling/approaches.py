@@ -92,6 +92,14 @@ def sample_approaches(
     Raises:
         InputError: Fewer than two approaches, wrong directions, a wrong pose or number, or too many visits.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> gears = [pp.sources.Backlash(joint="joint1", backlash=1e-3, band=5.0)]
+        >>> arm = pp.ErrorModel(model.chain, pp.Space(), gears)
+        >>> visits = pp.sample_approaches(arm, [0, 0, 0, 0], approaches=["joint1 +", "joint1 -"], robots=10, cycles=2)
+        >>> print((1e3 * visits.variation[0]).round(2))
+        3.75
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     sampler.stage_of(model)

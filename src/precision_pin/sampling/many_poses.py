@@ -130,6 +130,12 @@ def sample_poses(
             wrong joint values, more than 2²⁰-1 poses where draws have pose or visit scope, or more than fit into
             memory; errors too large to compute with.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> result = pp.sample_poses(model, ["paper", [0, 0, 0, 0]], samples=2000)
+        >>> print(result.quantile.shape, (1e3 * result.quantile[1, 0]).round())
+        (3, 2, 2) [ 40. 134.]
     """
     run_settings = RunSettings(threads, processes, executor, tasks_under_way, journal, resume, files, progress, tell)
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)

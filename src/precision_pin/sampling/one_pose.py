@@ -127,6 +127,12 @@ def monte_carlo(
             with; more samples to keep than fit into memory; workers that fail; a journal that is in use or belongs to
             another run.
         OutputError: The journal cannot be written.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> result = pp.monte_carlo(model, samples=20_000, specifications="40 mm @ 90 %")
+        >>> print(round(1e3 * result.position.norm.quantile(0.95), 1), result.summary.specifications[0].met)
+        40.2 True
     """
     run_settings = RunSettings(threads, processes, executor, tasks_under_way, journal, resume, files, progress, tell)
     if pose is not None and q is not None:
@@ -408,6 +414,12 @@ def relative(
     Draws of unit scope are those of one robot at both poses, the same numbers as in :func:`precision_pin.monte_carlo`
     with the same seed. Draws of visit scope are independent. So are those of pose scope, unless both poses have the
     same joint values: then they are shared, and what remains is the difference between two visits.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> result = pp.relative(model, "paper", [-1.5, 0.1, 1.5, -1.6], samples=2000)
+        >>> print(round(1e3 * result.position.norm.quantile(0.95)))
+        2
     """
     run_settings = RunSettings(threads, progress=progress)
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)

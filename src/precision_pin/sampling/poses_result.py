@@ -167,6 +167,12 @@ class PosesResult(Record, JsonResult):
         warnings: One line each: the findings, then the warnings of the analysis.
         findings: Findings passed in, such as those of the sheet.
         versions: Versions of Python and the libraries that computed the result.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> result = pp.sample_poses(model, ["paper", [0, 0, 0, 0]], samples=2000)
+        >>> print(result.mean.shape, result.covariance.shape)
+        (6, 2) (6, 6, 2)
     """
 
     schema: ClassVar[str] = "precision-pin/poses/1"

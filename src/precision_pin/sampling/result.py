@@ -126,6 +126,12 @@ class MonteCarloResult(Record, JsonResult):
         warnings: One line each: the findings, then the warnings of the analysis.
         errors: ``(6, N)`` every sample, if they were kept.
         relative_to: The pose whose errors are subtracted (:func:`precision_pin.relative`), if any.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> result = pp.monte_carlo(model, samples=2000, keep_samples=True)
+        >>> print(result.errors.shape, result.position.norm.levels)
+        (6, 2000) (0.5, 0.95, 0.99, 0.9973)
     """
 
     schema: ClassVar[str] = "precision-pin/analysis/1"

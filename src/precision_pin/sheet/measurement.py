@@ -219,6 +219,11 @@ class Measurement:
 
     Raises:
         InputError: A setting is wrong.
+
+    Examples:
+        >>> tracker = pp.Measurement("position", std="20 um", target="50 30 20 mm")
+        >>> print(tracker.target)
+        (0.05, 0.03, 0.02)
     """
 
     kind: Kind = "position"

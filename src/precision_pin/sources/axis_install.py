@@ -30,6 +30,13 @@ class AxisInstall(Source):
 
     Raises:
         InputError: Not exactly one of radius and diameter; a span that is not positive.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.AxisInstall(joint="joint2", radius=0.1e-3, span=0.1)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.232 2.645 0.232]
     """
 
     depends_on: ClassVar[Dependence] = "chain"

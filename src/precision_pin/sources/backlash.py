@@ -38,6 +38,13 @@ class Backlash(Source):
 
     Raises:
         InputError: A band that is not positive, or a scope that is none of the three.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Backlash(joint="joint2", backlash=1e-3, band=5.0)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print(round(1e3 * at.error_at_means[2], 3))
+        -1.87
     """
 
     words: ClassVar[Mapping[str, str]] = {

@@ -39,6 +39,13 @@ class BearingStiffness(Source):
 
     Raises:
         InputError: No stiffness, or pads on neither link.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.BearingStiffness(joint="joint2", tilt=1e5)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print(round(1e3 * at.error_at_means[2], 3))
+        -0.012
     """
 
     words: ClassVar[Mapping[str, str]] = {

@@ -62,6 +62,13 @@ class Clearance(Source):
     Raises:
         InputError: Not one or two diametral clearances, a span or band that is not positive, a band that is missing or
             not needed, or a word that is none of those above.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Clearance(joint="joint2", diametral=(0.04e-3,), span=0.1, band=5.0)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print(round(1e3 * at.error_at_means[2], 3))
+        -0.13
     """
 
     words: ClassVar[Mapping[str, str]] = {

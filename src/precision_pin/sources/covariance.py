@@ -39,6 +39,13 @@ class Covariance(AtPlace):
     Raises:
         InputError: Not one place, not one of std and matrix, or a matrix that is not 6×6, not symmetric or has a
             negative eigenvalue.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Covariance(frame="tool", std=(1e-4, 2e-4, 3e-4, 0.0, 0.0, 0.0))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.1 0.3 0.2]
     """
 
     words: ClassVar[Mapping[str, str]] = {"error": "error of {subject}, given as covariance"}

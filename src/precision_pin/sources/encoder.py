@@ -51,6 +51,13 @@ class Encoder(Source):
     Raises:
         InputError: No error, half of a pair, a step, radius, ratio or period out of range, or a setting for the other
             kind of joint.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Encoder(joint="joint1", resolution=1e-4)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.008 0.108 0.   ]
     """
 
     takes_many: ClassVar[bool] = True

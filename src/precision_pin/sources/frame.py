@@ -23,6 +23,13 @@ class Frame(AtPlace):
             tip.
         x, y, z: Shift.
         rx, ry, rz: Rotation vector.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Frame(joint="joint2", rz=pp.Normal(1e-3))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.   0.   3.74]
     """
 
     deviations: ClassVar[tuple[str, ...]] = ("x", "y", "z", "rx", "ry", "rz")

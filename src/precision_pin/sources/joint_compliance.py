@@ -18,6 +18,13 @@ class JointCompliance(Source):
     Attributes:
         joint: The joint.
         compliance: C; a linear compliance for a prismatic joint.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.JointCompliance(joint="joint2", compliance=1e-5)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print(round(1e3 * at.error_at_means[2], 3))
+        -6.501
     """
 
     takes_many: ClassVar[bool] = True

@@ -18,6 +18,13 @@ class JointOffset(Source):
     Attributes:
         joint: The joint.
         offset: The error of its value: an angle, or a length for a prismatic joint.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.JointOffset(joint="joint1", offset=pp.Normal(1e-3))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.274 3.74  0.   ]
     """
 
     depends_on: ClassVar[Dependence] = "chain"

@@ -30,6 +30,13 @@ class Length(Source):
 
     Raises:
         InputError: Not exactly one of joint and frame, or the direction ``link`` for a link without length.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Length(joint="joint3", along="x of joint2", parameters=(pp.Normal(1e-4),))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.1 0.  0. ]
     """
 
     takes_many: ClassVar[bool] = True

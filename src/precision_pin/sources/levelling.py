@@ -23,6 +23,14 @@ class Levelling(Source):
 
     Attributes:
         rx, ry, rz: Tilt of the base about its own x, y and z. A rotation about the direction of gravity has no effect.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Levelling(rx=pp.Normal(1e-3))
+        >>> compliance = pp.sources.JointCompliance(joint="joint1", compliance=1e-5)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source, compliance]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.    0.007 0.   ]
     """
 
     depends_on: ClassVar[Dependence] = "chain"

@@ -30,6 +30,13 @@ class Mcpc(Source):
 
     Raises:
         InputError: Δγ or Δz on a link that is not the last.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Mcpc(link="link2", x=pp.Normal(1e-4))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.1 0.  0. ]
     """
 
     depends_on: ClassVar[Dependence] = "chain"

@@ -31,6 +31,13 @@ class Mounting(Source):
 
     Raises:
         InputError: ``at`` is neither, or a flange at the base or one that does not carry the tool.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Mounting(at="base", rz=pp.Normal(1e-3))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.274 3.74  0.   ]
     """
 
     depends_on: ClassVar[Dependence] = "chain"

@@ -24,6 +24,14 @@ class Payload(Source):
         at: The link that carries it.
         mass: Its mass.
         com: Its centre of mass in that link's frame: three numbers, any of them random if need be.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Payload(at="tool", mass=1.0)
+        >>> compliance = pp.sources.JointCompliance(joint="joint2", compliance=1e-5)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source, compliance]).at([0, 0, 0, 0])
+        >>> print(round(1e3 * at.error_at_means[2], 3))
+        -7.873
     """
 
     depends_on: ClassVar[Dependence] = "chain"

@@ -37,6 +37,16 @@ class Table(AtPlace):
 
     Raises:
         InputError: Not one place; a file that cannot be read, is no table of numbers, or has another column or unit.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> rows = [[0.1, 0], [-0.1, 0]] * 15
+        >>> np.savetxt("seats.csv", rows, delimiter=",", header="x [mm],y [mm]", comments="")
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Table(frame="tool", file=Path("seats.csv"))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.1 0.  0. ]
     """
 
     words: ClassVar[Mapping[str, str]] = {"row": "measured row of {subject}"}

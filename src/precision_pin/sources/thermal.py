@@ -39,6 +39,13 @@ class Thermal(Source):
     Raises:
         InputError: Neither a change nor a gradient, a gradient without direction or the reverse, a time constant that
             is not positive, or a named link without length.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Thermal(expansion=23e-6, temperature_change=10.0)
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * at.error_at_means[:3]).round(3))
+        [ 0.86  -0.063  0.02 ]
     """
 
     takes_many: ClassVar[bool] = True

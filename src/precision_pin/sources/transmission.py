@@ -37,6 +37,13 @@ class Transmission(Source):
     Raises:
         InputError: No error, not one order for each amplitude, an order or period that is not positive, a stiffness
             that may reach zero, or a setting for the other kind of joint.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> source = pp.sources.Transmission(joint="joint1", amplitude=(1e-4,), order=(2.0,))
+        >>> at = pp.ErrorModel(chain, pp.Space(), [source]).at([0, 0, 0, 0])
+        >>> print((1e3 * np.sqrt(np.diag(at.covariance)[:3])).round(3))
+        [0.019 0.264 0.   ]
     """
 
     takes_many: ClassVar[bool] = True

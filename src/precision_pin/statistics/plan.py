@@ -239,6 +239,10 @@ def specification(text: str) -> Specification:
 
     Raises:
         InputError: The text is not of this form, the limit is not positive, or the probability lies outside 0 to 1.
+
+    Examples:
+        >>> print(pp.specification("z ≤ 0.2 mm @ 99 %"))
+        Specification(quantity='position.z', limit=0.0002, required=0.99)
     """
     demand, at, probability_text = (
         part.strip() for part in check_text("a specification", text, "0.5 mm @ 99.73 %").partition("@")

@@ -53,6 +53,12 @@ class Term:
 
     Raises:
         InputError: More than three factors, or a twist of the wrong size or not finite.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> growth = pp.Term(chain.end(1), np.array([1e-3, 0, 0, 0, 0, 0]))
+        >>> print(growth.loaded, growth.factors)
+        False ()
     """
 
     target: Target

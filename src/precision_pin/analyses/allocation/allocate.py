@@ -344,6 +344,13 @@ def allocate(
     Raises:
         InputError: A wrong problem, or a tolerance with which the error does not scale.
         UnknownNameError: No such pose, source or key.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> bearings = {"path": "axis_install[*].radius", "cost": {"reciprocal": "1 mm"}}
+        >>> result = pp.allocate(model, {"specs": ["37.5 mm @ 95 %"], "tolerances": [bearings]}, for_samples=10_000)
+        >>> print(result.met, result.cost_before, round(result.cost))
+        True 10.0 57
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress)
     check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)

@@ -231,6 +231,12 @@ def budget(
 
     Raises:
         InputError: A wrong pose, seed, number of samples, confidence or bound; errors too large to compute with.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> largest = pp.budget(model, samples=1024).poses[0].ranked[0]
+        >>> print(largest.name, round(largest.share["position"], 2))
+        axis_install[joint1].A 0.25
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress

@@ -417,6 +417,13 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement |
 
     Raises:
         InputError: Nothing varies from robot to robot, or the poses are wrong.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> q = np.random.default_rng(0).uniform(-2, 2, (4, 30))
+        >>> seen = pp.identifiability(model, q, pp.Measurement("position", target="50 30 20 mm"))
+        >>> print(seen.rank, len(seen.names))
+        21 26
     """
     measurement = measurement_of(model, measurement)
     values, _ = read_poses(model, poses)

@@ -472,6 +472,13 @@ def forecast_calibration(
 
     Raises:
         InputError: Nothing varies from robot to robot, or the poses are wrong.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> q = np.random.default_rng(0).uniform(-2, 2, (4, 12))
+        >>> forecast = pp.forecast_calibration(model, q, pp.Measurement("position", std="20 um"))
+        >>> print(round(1e6 * forecast.rms("after")))
+        24
     """
     measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)

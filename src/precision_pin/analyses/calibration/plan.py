@@ -445,6 +445,13 @@ def plan_calibration(
     Raises:
         InputError: Fewer candidates than poses to choose, a candidate twice, nothing varies from robot to robot, or no
             candidate sees anything.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> candidates = np.random.default_rng(0).uniform(-2, 2, (4, 20))
+        >>> plan = pp.plan_calibration(model, candidates, 8, pp.Measurement("position", std="20 um"))
+        >>> print(len(plan.chosen), plan.efficiency > 0.9)
+        8 True
     """
     measurement = measurement_of(model, measurement)
     findings = check_items("findings", findings, Finding)

@@ -140,6 +140,16 @@ def population(
     Raises:
         InputError: Fewer than two robots, wrong data, a calibration of another model or without prior, or the sheet of
             a calibrated robot.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> zeros = [pp.sources.JointOffset(joint=f"joint{k}", offset=pp.Normal(1e-3)) for k in (1, 2)]
+        >>> model = pp.ErrorModel(chain, pp.Space(), zeros)
+        >>> q, arms = np.array([[0, 1, 2], [0, 1, 0], [1, 0, 1], [0, 0, 0]]), model.space.sample(seed=0, first=0, count=20)
+        >>> tips = np.array([at.posture.pose[:3, 3, None] + at.exact(arms)[:3] for at in model.at_many(q)])
+        >>> result = pp.population(model, [(q, tips[..., k]) for k in range(20)], pp.Measurement(std="20 um"))
+        >>> print(result.robots, len(result.tolerances))
+        20 2
     """
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if model.sheet is not None and model.sheet.estimates is not None:

@@ -354,6 +354,13 @@ def compare(
     Raises:
         InputError: Fewer than two or more than eight models, different joints, a wrong argument, or too little memory.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> finer = model.with_({"axis_install[*].radius": "0.05 mm"})
+        >>> result = pp.compare({"now": model, "finer": finer}, specifications="40 mm @ 95 %", samples=10_000)
+        >>> print(result.met("now"), result.met("finer"))
+        False True
     """
     named = _named(models)
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)

@@ -197,6 +197,14 @@ def compensate(
         InputError: A wrong argument; too few joints for the mode; no poses, or none whose joint values are known;
             errors too large to compute with.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> result = pp.compensate(model, ["paper"])
+        >>> print((1e3 * np.linalg.norm(result.correction.before[:3, 0])).round(2))
+        36.77
+        >>> print(np.degrees(result.corrected[:, 0]).round(2))
+        [-90.23   2.32  87.74 -91.  ]
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     check_choice("mode", mode, ("position", "pose"))

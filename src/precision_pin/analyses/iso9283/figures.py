@@ -225,6 +225,13 @@ def iso9283_of(commanded: ArrayLike, attained: ArrayLike) -> MeasuredPose:
 
     Raises:
         InputError: Another shape, a number that is not finite, a matrix that is not a pose, or fewer than two cycles.
+
+    Examples:
+        >>> commanded, attained = np.zeros(6), np.zeros((4, 6))
+        >>> attained[:, 0] = [1e-3, 2e-3, 2e-3, 3e-3]
+        >>> figures = pp.iso9283_of(commanded, attained)
+        >>> print(round(1e3 * figures.AP, 3), round(1e3 * figures.RP, 3))
+        2.0 2.232
     """
     wanted = _read_pose("the commanded pose", commanded)
     cycles = _read_cycles("the attained poses", attained)
@@ -245,6 +252,12 @@ def iso9283_distance(commanded_pair: ArrayLike, attained_pair: ArrayLike) -> Mea
 
     Raises:
         InputError: As in :func:`iso9283_of`, other than two poses, or different numbers of cycles.
+
+    Examples:
+        >>> commanded = np.array([[0.8, 0, 0.5, 0, 0, 0], [0.4, 0, 0.5, 0, 0, 0]])
+        >>> attained = commanded[:, None] + [[[0, 0, 0, 0, 0, 0]] * 2, [[-1e-3, 0, 0, 0, 0, 0]] * 2]
+        >>> print(round(1e3 * pp.iso9283_distance(commanded, attained).AD, 6))
+        1.0
     """
     names = ("first", "second")
     wanted = [

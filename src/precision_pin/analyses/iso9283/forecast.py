@@ -95,6 +95,14 @@ def iso9283(
         InputError: No poses, wrong joint values, numbers out of range, more robots than fit into memory, errors too
             large to compute with, or a best fit of poses on a line.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
+        >>> again = pp.Draw("again", pp.Normal(1e-4), pp.Scope.VISIT)
+        >>> arm = pp.ErrorModel(chain, pp.Space((again,)), [pp.sources.JointOffset(joint="joint1", offset="again")])
+        >>> RP = pp.iso9283(arm, [[0, 0, 0, 0]], robots=200).poses["P1"].RP
+        >>> print(round(1e3 * RP.quantile(0.5), 1))
+        0.9
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     arguments.check_whole("the number of cycles", cycles, 2, MOST_VISITS)

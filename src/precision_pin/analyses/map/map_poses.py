@@ -494,6 +494,13 @@ def map_poses(
     Raises:
         InputError: A wrong argument; no pose with joint values; too little memory; errors too large to compute with.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> poses = pp.joint_grid(model.chain, {"joint1": 0, "joint2": "-30 0 30 deg", "joint3": 1, "joint4": 0})
+        >>> result = pp.map_poses(model, poses, verify=0)
+        >>> print(poses.names[result.worst_first[0]], (1e3 * result.quantile[1, 0]).round(1))
+        -30° [104.7  86.5  46.8]
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     if samples is not None:

@@ -336,6 +336,12 @@ def moments(
     Raises:
         InputError: A wrong argument; errors too large to compute with; too many random numbers for a Sobol net.
         UnknownNameError: There is no such method.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> pose = pp.moments(model, method="closed").poses[0]
+        >>> print((1e3 * pose.mean.value[:3]).round(3))
+        [  7.692  28.344 -22.123]
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress

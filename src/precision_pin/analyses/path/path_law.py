@@ -320,6 +320,13 @@ def path_law(
         InputError: A wrong argument; fewer than two poses, one without joint values, or more than fit into memory; too
             few samples for the probability; errors too large to compute with.
         UnknownNameError: No such pose or joint.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> swing = model.configuration("paper")[:, None] + np.outer([1, 0, 0, 0], np.linspace(0, 1, 9))
+        >>> result = pp.path_law(model, swing, samples=1000, specifications="70 mm @ 90 %")
+        >>> print(result.met, result.maximum.shape)
+        True (2, 1000)
     """
     known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_whole("the number of samples", samples, 1, 10**9)

@@ -322,6 +322,13 @@ def reliability(
 
     Raises:
         InputError: No specification, a wrong argument, or errors too large to compute with.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> result = pp.reliability(model, "x 18 mm @ 99.999 %", samples=1000)
+        >>> best = result.poses[0].specifications[0].best
+        >>> print(best.method, f"{best.probability:.1e}")
+        importance sampling 1.6e-06
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress

@@ -324,6 +324,12 @@ def worst_case(
 
     Raises:
         InputError: A wrong argument, an unbounded law that cannot be cut, or errors too large to compute with.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> bound = pp.worst_case(model, samples=1000).poses[0].position.first_order
+        >>> print(round(1e3 * bound.upper, 1))
+        46.6
     """
     chosen, known = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress

@@ -84,6 +84,11 @@ class Lognormal(Law):
     Attributes:
         std: Standard deviation of the number itself.
         mean: Its mean, above zero.
+
+    Examples:
+        >>> law = pp.Lognormal(std=2.0, mean=10.0)
+        >>> print(law.mean_vector, law.covariance)
+        [10.] [[4.]]
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"

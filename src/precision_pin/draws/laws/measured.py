@@ -82,6 +82,11 @@ class Empirical(BoundedLaw):
 
     Raises:
         InputError: A table that does not begin at p = 0, end at p = 1 or rise.
+
+    Examples:
+        >>> law = pp.Empirical(((0.0, 0.1), (0.5, 0.2), (1.0, 0.6)))
+        >>> print(law.sample(np.array([[0.25, 0.5, 0.75]])))
+        [[0.15 0.2  0.4 ]]
     """
 
     form: ClassVar = SheetForm(
@@ -273,6 +278,11 @@ class TwoPoint(BoundedLaw):
         half_width: Half the distance between the two.
         centre: Their midpoint; the mean only if both are equally likely.
         probability: Probability of the upper one.
+
+    Examples:
+        >>> law = pp.TwoPoint(half_width=0.02, probability=0.25)
+        >>> print(law.mean_vector, law.covariance)
+        [-0.01] [[0.0003]]
     """
 
     form: ClassVar = SheetForm(
@@ -370,6 +380,12 @@ class Rows(Law):
 
     Raises:
         InputError: No rows, rows of different lengths, a number that is not finite, or names that do not fit.
+
+    Examples:
+        >>> law = pp.Rows(((1.0, 2.0), (3.0, 6.0)))
+        >>> print(law.mean_vector, law.covariance)
+        [2. 4.] [[1. 2.]
+         [2. 4.]]
     """
 
     form: ClassVar = SheetForm(
@@ -499,6 +515,11 @@ class JointNormal(Law):
 
     Raises:
         InputError: The matrix is not square, not symmetric or not positive semi-definite, or a bound is not a pair.
+
+    Examples:
+        >>> print(pp.JointNormal(((4.0, 1.0), (1.0, 9.0))).covariance)
+        [[4. 1.]
+         [1. 9.]]
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"

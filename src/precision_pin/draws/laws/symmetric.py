@@ -107,7 +107,12 @@ class HalfWidthLaw(SymmetricLaw):
 
 @dataclass(frozen=True)
 class Fixed(SymmetricLaw):
-    """A number that does not vary, but is a parameter, so that derivatives by it exist."""
+    """A number that does not vary, but is a parameter, so that derivatives by it exist.
+
+    Examples:
+        >>> print(pp.Fixed(0.085).mean_vector)
+        [0.085]
+    """
 
     is_normal: ClassVar[bool] = True
     form: ClassVar = SheetForm(
@@ -171,7 +176,12 @@ class _UniformProjection(_StraightProjection):
 
 @dataclass(frozen=True)
 class Uniform(HalfWidthLaw):
-    """Uniform on mean ± half_width."""
+    """Uniform on mean ± half_width.
+
+    Examples:
+        >>> print(pp.Uniform(half_width=3.0, mean=1.0).sample(np.array([[0.0, 0.5, 1.0]])))
+        [[-2.  1.  4.]]
+    """
 
     form: ClassVar = SheetForm(
         "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
@@ -219,7 +229,12 @@ class _TriangularProjection(_StraightProjection):
 
 @dataclass(frozen=True)
 class Triangular(HalfWidthLaw):
-    """Symmetric triangle on mean ± half_width."""
+    """Symmetric triangle on mean ± half_width.
+
+    Examples:
+        >>> print(pp.Triangular(half_width=6.0).covariance)
+        [[6.]]
+    """
 
     form: ClassVar = SheetForm(
         "triangular", {"triangular": "0.05 mm"}, "a symmetric triangle on mean ± t; σ = t/√6", (MEAN,)
@@ -274,7 +289,12 @@ class ArcsineProjection(SineProjection):
 
 @dataclass(frozen=True)
 class Arcsine(HalfWidthLaw):
-    """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6)."""
+    """Arcsine (U-shaped) on mean ± half_width: a sine wave at a random phase (JCGM 101:2008, 6.4.6).
+
+    Examples:
+        >>> print(pp.Arcsine(half_width=2.0).covariance)
+        [[2.]]
+    """
 
     form: ClassVar = SheetForm(
         "arcsine", {"arcsine": "0.05 mm"}, "a sine wave of amplitude t at a random phase; σ = t/√2", (MEAN,)
@@ -294,7 +314,12 @@ SMALLEST_K: Final = 1e-3
 
 @dataclass(frozen=True)
 class TruncatedNormal(SymmetricLaw):
-    """Normal of standard deviation ``std`` before truncation, cut off at mean ± k·std."""
+    """Normal of standard deviation ``std`` before truncation, cut off at mean ± k·std.
+
+    Examples:
+        >>> print(pp.TruncatedNormal(std=1.0, k=2.0).sample(np.array([[0.0, 0.5, 1.0]])))
+        [[-2.  0.  2.]]
+    """
 
     std: float
     mean: float = 0.0
@@ -404,6 +429,10 @@ class Normal(SymmetricLaw):
 
     Attributes:
         k: Standard deviations in the half-width that it was made from; ``None`` if made from ``std``.
+
+    Examples:
+        >>> print(pp.Normal(std=2.0, mean=1.0).sample(np.array([[-1.0, 0.0, 1.0]])))  # of normal scores
+        [[-1.  1.  3.]]
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "normal"
@@ -574,7 +603,13 @@ class _DiscProjection(SineProjection):
 
 @dataclass(frozen=True)
 class Disc(PlaneLaw):
-    """A point uniform over the area of a disc about the origin."""
+    """A point uniform over the area of a disc about the origin.
+
+    Examples:
+        >>> print(pp.Disc(radius=2.0).covariance)
+        [[1. 0.]
+         [0. 1.]]
+    """
 
     form: ClassVar = SheetForm(
         "disc", {"disc": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform over the area of a disc of radius t"
@@ -604,7 +639,13 @@ class Disc(PlaneLaw):
 
 @dataclass(frozen=True)
 class Circle(PlaneLaw):
-    """A point uniform on a circle about the origin."""
+    """A point uniform on a circle about the origin.
+
+    Examples:
+        >>> print(pp.Circle(radius=2.0).covariance)
+        [[2. 0.]
+         [0. 2.]]
+    """
 
     form: ClassVar = SheetForm(
         "circle", {"circle": "0.1 mm"}, "two numbers `.x`, `.y`: a point uniform on a circle of radius t"
