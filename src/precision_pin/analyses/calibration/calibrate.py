@@ -19,6 +19,7 @@ from scipy import sparse, spatial, stats
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
+from precision_pin.analyses.calibration.causes import Cause, doubt_sheet, find_causes
 from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data, refuse_reversed
 from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.calibration.forecast import (
@@ -86,6 +87,7 @@ class CalibrationResult(PosesOutcome):
         std_left_out, std_predicted: Standard deviation of ``left_out``, and of a new reading at the pose from the
             calibrated arm's prediction: what is left of arm and set-up, repeatability and instrument, ``(P, m)``.
         improvement: Whether the calibration helps at poses left out of it; ``None`` where none can be predicted.
+        causes: Errors that the sheet lacks, the likeliest first; empty where it may be complete.
         noise, repeated: Standard deviations that were estimated, by name, and the numbers read again at a pose.
         gross_errors, at_bounds: Readings that were given no weight, and numbers estimated at a bound of their law.
         original, model: The model before, and the arm that is left: means moved, remaining uncertainty correlated.
@@ -94,7 +96,7 @@ class CalibrationResult(PosesOutcome):
 
     schema: ClassVar[str] = "precision-pin/calibration/1"
     KEYS: ClassVar[Keys] = (
-        *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings", "verdict"),
+        *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings", "verdict", "causes"),
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
         *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "in_sheet", "intervals"),
         *("poses", "residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
@@ -113,6 +115,7 @@ class CalibrationResult(PosesOutcome):
     std_left_out: Array
     std_predicted: Array
     improvement: Improvement | None
+    causes: tuple[Cause, ...]
     noise: Mapping[str, fitting.EstimatedStd]
     repeated: int
     gross_errors: tuple[GrossError, ...]
@@ -141,8 +144,8 @@ class CalibrationResult(PosesOutcome):
     def verdict(self) -> Verdict:
         """Whether model and data agree."""
         chance = self.probability
-        if chance is None or chance < fitting.DOUBTFUL:
-            return "not tested" if chance is None else "disagrees"
+        if self.causes or chance is None or chance < fitting.DOUBTFUL:
+            return "disagrees" if self.causes or chance is not None else "not tested"
         return "better than stated" if self.degrees_of_freedom > 0 and 1 - chance < fitting.DOUBTFUL else "agrees"
 
     def interval(self, name: str, probability: float = LEVEL) -> tuple[float, float]:
@@ -290,15 +293,16 @@ def calibrate(
     groups = groups_of(given, np.array(model.chain.prismatic))
     without = fitting.leave_out(used, best.estimator, best.local, best.residuals, groups)
     alone = SetUpAlone.of(used)
-    repeats = (one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats")
+    known = min((one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats"), default=SURE)
     by: Literal["poses", "groups"] = "groups" if given.group.size else "poses"
-    improvement = judge(used, without, alone, groups, by, min(repeats, default=SURE))
+    improvement = judge(used, without, alone, groups, by, known)
     unit, estimator = whole.unit, best.estimator
     predicted = whole.reading_deviations(best)
     is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
     slopes = used.slopes(best.z, best.nuisances, plain=True)
     seen = design.of_stack(unit.names, *slopes, used.instruments.nuisances, len(given) - len(distances))
     design.refuse_where_nothing_is_seen(seen)
+    causes = find_causes(used, best, given.q, groups, None if chance is None else known)
     mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
     is_mixed = np.diag(seen.set_up_projector) > design.NEGLIGIBLE
     variances = np.where(is_mixed, np.inf, np.diag(estimator.joint_covariance)[best.z.size :])
@@ -326,6 +330,7 @@ def calibrate(
         std_left_out=np.where(is_gross, predicted, without.std),
         std_predicted=predicted,
         improvement=improvement,
+        causes=tuple(causes),
         noise=noise,
         repeated=repeated,
         gross_errors=gross,
@@ -345,6 +350,7 @@ def calibrate(
             *design.remarks_on(seen),
             *(() if prior else design.rank_findings(seen)),
             *fitting.doubt_model(used, best, chance, has_prior=prior),
+            *doubt_sheet(causes),
             *fitting.doubt_std(noise),
             *doubt_improvement(improvement),
         ),

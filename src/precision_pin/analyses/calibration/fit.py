@@ -555,9 +555,8 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     hold = fit.estimator.hold()
     values, expected = np.zeros((2, len(problem.model.chain.joints)))
     for station, places, rows, root in problem.at_stations:
-        posture = station.at.posture
-        by_joints = posture.chain.at_columns(posture.q[:, None]).joint_jacobian[:, :, 0]
-        moved = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error @ by_joints
+        by_error = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error
+        moved = by_error @ station.at.posture.joint_jacobian
         for visit in np.unique(problem.visit[places[0]]):
             own = np.where((problem.visit[places[0]] == visit)[:, None], moved, 0.0)
             along = np.linalg.solve(root, own)

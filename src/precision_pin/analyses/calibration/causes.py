@@ -1,0 +1,220 @@
+"""Errors that a sheet lacks: score tests of a fit's residuals along the directions of known causes.
+
+Whitened readings are ``y = G a + H z + N n + e`` with z of unit covariance (the sheet), n without prior, and a zero if the
+sheet is complete. With S the residual matrix of y, the residuals are S y, and the score by a at a = 0 is G'S y with the
+covariance A = G'S G. For amplitudes of one unknown variance the most powerful test against small ones is the quadratic form
+|G'S y|². Its tail is a saddlepoint approximation (Kuonen 1999). The probabilities of all causes, which depend on each other, are
+combined by Cauchy variables (Liu and Xie 2020). Causes that are found compete by their largest likelihood over that variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import NDArray
+from scipy import stats
+
+from precision_pin.analyses.calibration.design import Estimator
+from precision_pin.analyses.calibration.fit import LEVEL, Fit, Problem, leave_out
+from precision_pin.analyses.calibration.forecast import normal_interval
+from precision_pin.base.arrays import Array, Record
+from precision_pin.base.errors import Finding, some
+from precision_pin.terms import at_means
+
+FALSE_ALARMS: Final = 0.0075
+"""Probability, over all causes, that any is found on a robot of the sheet; by simulation 0.008 to 0.011."""
+AS_LIKELY: Final = 20.0
+"""Ratio of likelihoods up to which another cause explains the readings as well."""
+_KNOWN: Final = 0.999
+"""Cosine to a number of the sheet from which a cause is that number."""
+_UNSEEN: Final = 1e-9
+"""Share of a direction that set-up and arm must leave for it to be tested."""
+_VARIANCES: Final = np.logspace(-3, 8, 111)
+_POLE: Final = 0.5 - 1e-9
+
+Label = tuple[str, str, str]
+"""Kind of a cause, its joint and unit."""
+WAVES: Final = tuple(f"wave, {order} in a turn" for order in range(1, 5))
+OF_JOINTS: Final = ("zero", *np.repeat(WAVES, 2).tolist(), "backlash by motion", "backlash by load", "compliance")
+"""Kinds of the columns of each joint, a sine and a cosine for each wave."""
+OF_SET_UP: Final = (*[("drift of base or instrument", "", "m")] * 3, ("growth of the arm", "", "1"))
+_UNITS: Final = {True: ("m", "m/N"), False: ("rad", "rad/(N*m)")}
+_PRINTED: Final = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e6, "ppm")}
+TOLERANCE: Final = "tolerance too small"
+
+
+@dataclass(frozen=True)
+class Cause(Record):
+    """An error that the sheet lacks and that explains what the fit leaves.
+
+    Attributes:
+        kind: What it is; ``tolerance too small`` is no other error, but a number of the sheet, which ``joint`` names then.
+        joint: The joint, or of several joints that with the largest error; empty for the set-up.
+        is_shared: Whether several joints have it.
+        size, interval, unit: Amplitude of a wave, gap of a backlash, compliance, way of a drift or share of a growth from
+            the first reading to the last, in prior standard deviations of a tolerance: posterior mean and 95 % interval,
+            for a variance as likely as possible.
+        likelihood: Relative to that of the likeliest cause.
+        left_out: Root mean square (m) by which it displaces readings left out of the fit from their predictions.
+    """
+
+    kind: str
+    joint: str
+    is_shared: bool
+    size: float
+    interval: tuple[float, float]
+    unit: str
+    likelihood: float
+    left_out: float
+
+    def __str__(self) -> str:
+        scale, unit = _PRINTED.get(self.unit, (1.0, self.unit))
+        low, high = (f"{scale * end:.3g}" for end in self.interval)
+        where = f" of {self.joint}{' and others' * self.is_shared}" if self.joint else ""
+        return f"{self.kind}{where} ({scale * self.size:.3g} {unit}; 95 %: {low} to {high})"
+
+
+def tail(weights: Array, other: float, degrees: float) -> float:
+    """Return the probability that ``Σ w χ²`` of one degree each exceeds ``other`` times chi-square of ``degrees``."""
+    if (scale := float(weights.max())) <= 0:
+        return 0.0 if degrees > 0 else 1.0
+    w, number = np.append(weights, -other) / scale, np.append(np.ones(weights.size), degrees)
+    t = scipy.optimize.brentq(lambda t: number @ (w / (1 - 2 * w * t)), _POLE / w.min(), _POLE, maxiter=1000)
+    exponent, curvature = -number @ np.log1p(-2 * w * t) / 2, 2 * number @ (w / (1 - 2 * w * t)) ** 2
+    root, v = np.sign(t) * np.sqrt(max(-2 * exponent, 0.0)), t * np.sqrt(curvature)
+    return 0.5 if abs(root) < 1e-3 else float(stats.norm.sf(root + np.log(v / root) / root))
+
+
+class Weighed(NamedTuple):
+    """A cause: its columns, the probability of larger scores, the log of its likelihood ratio, amplitudes there."""
+
+    columns: NDArray[np.intp]
+    chance: float
+    gain: float
+    mean: Array
+    covariance: Array
+
+
+Scores = tuple[Array, Array, float, int, float | None]
+"""Scores G'S y ``(C,)``, G'S G ``(C, C)``, y'S y, its degrees of freedom, and those apart from these readings that the standard
+deviation rests on; ``None`` where it was tuned to them."""
+
+
+def weigh(columns: NDArray[np.intp], of: Scores) -> Weighed:
+    """Return how well a cause of some columns explains the readings."""
+    along, information, total, degrees, known = of
+    values, vectors = np.linalg.eigh(information[np.ix_(columns, columns)])
+    values, scores = np.maximum(values, 0.0), vectors.T @ along[columns]
+    # of a std that was tuned, the score's share of chi-square
+    other = float(scores @ scores) / (known or total)
+    chance = tail(values - other * (not known), other, known or max(degrees - len(values), 0))
+    shrunk = 1 / (values.mean() / _VARIANCES[:, None] + values)
+    gains = (shrunk * scores**2 + np.log(shrunk * values.mean() / _VARIANCES[:, None])).sum(axis=1) / 2
+    spread = vectors * shrunk[int(np.argmax(gains))]
+    return Weighed(columns, chance, float(gains.max()), spread @ scores, spread @ vectors.T)
+
+
+def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, list[Label]]:
+    """Return the whitened readings ``(M, C)`` per unit of every cause, for joint values ``(n, P)``, and what the causes are."""
+    chain = problem.model.chain
+    joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
+    labels = [(kind, name, _UNITS[slides][kind == "compliance"]) for name, slides in joints for kind in OF_JOINTS]
+    labels += OF_SET_UP
+    _, first, visit = np.unique(problem.visit, return_index=True, return_inverse=True)
+    steps = np.diff(q[:, first], axis=1, prepend=q[:, first[:1]])
+    # a joint that stood still moved last when it moved last
+    moves = np.maximum.accumulate(np.where(np.abs(steps) > _UNSEEN, np.arange(first.size), 0), axis=1)
+    last = np.sign(np.take_along_axis(steps, moves, axis=1))[:, visit]
+    angles = 2 * np.pi * q / np.where(chain.prismatic, np.maximum(np.ptp(q, axis=1), _UNSEEN), 2 * np.pi)[:, None]
+    waves = np.array([turn(order * angles) for order in range(1, len(WAVES) + 1) for turn in (np.sin, np.cos)])
+    time = visit / max(first.size - 1, 1) - 0.5
+    errors, moved = np.zeros((q.shape[1], 6, len(labels))), np.zeros((*problem.readings.shape, len(labels)))
+    for station, places, _, _ in problem.at_stations:
+        at, posture = station.at, station.at.posture
+        torque = np.array([float(at_means(posture.torque_on(k), at.space)) for k in range(len(q))])
+        for row in station.rows:
+            own = np.array(
+                [0 * torque + 1, *waves[:, :, row], last[:, row] / 2, np.sign(torque.round(9)) / 2, torque]
+            ).T
+            shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]]) * time[row]
+            errors[row] = np.hstack([(posture.joint_jacobian[:, :, None] * own).reshape(6, -1), shifts])
+        by_error = problem.slopes_at(station, at.error_at_means, nuisances).error
+        moved[places] = np.einsum("ij,ijc->ic", by_error, errors[places[0]])
+    return problem.whiten(moved), labels
+
+
+def rank(of: Scores, labels: Sequence[Label], is_usable: NDArray[np.bool_]) -> tuple[float, list[Weighed]]:
+    """Return the probability of such scores if the sheet is complete, and the causes that explain them best."""
+    groups = dict[tuple[str, str], list[int]]()
+    for k in np.flatnonzero(is_usable).tolist():
+        for key in dict.fromkeys([labels[k][:2], (labels[k][0], "")]):
+            groups.setdefault(key, []).append(k)
+    # of a kind that one joint alone has, all are that one
+    found = {key: weigh(np.array(own), of) for own, key in {tuple(own): key for key, own in groups.items()}.items()}
+    # single joints, and what is shared, have half of the weight each
+    tested = [key for key in found if key[0] != TOLERANCE]
+    is_shared = np.array([not joint for _, joint in tested], dtype=bool)
+    weights = 1 / np.maximum(np.where(is_shared, is_shared.sum(), (~is_shared).sum()), 1)
+    variables = [np.tan((0.5 - np.clip(found[key].chance, 1e-15, 0.99)) * np.pi) for key in tested]
+    chance = float(stats.cauchy.sf(weights @ variables / max(weights.sum(), 1.0)))
+    likely = sorted(found, key=lambda key: -round(found[key].gain, 3))
+    least = max(found[likely[0]].gain - np.log(AS_LIKELY), 0.0) if likely else 0.0
+    # that several joints have it is no other cause than the likeliest
+    near = [key for key in likely if found[key].gain > least and (key == likely[0] or key != (likely[0][0], ""))]
+    return chance, [found[key] for key in near]
+
+
+def find_causes(problem: Problem, fit: Fit, q: Array, groups: NDArray[np.intp], known: float | None) -> list[Cause]:
+    """Return the errors that explain what a fit leaves, the likeliest first; none where a complete sheet would leave as much.
+
+    Args:
+        problem, fit: Readings with weight, and their fit.
+        q, groups: Joint values of all readings ``(n, P)``, and which are left out together ``(P,)``.
+        known: Degrees of freedom of the standard deviation apart from these readings; ``None`` where it was tuned to them.
+    """
+    estimator, readings = fit.estimator, problem.whiten(fit.residuals) + fit.estimator.by_z @ fit.z
+    if not estimator.has_prior:
+        # what is not estimated has its prior, all else has none
+        fixed = np.hstack([estimator.by_nuisance, estimator.by_z @ estimator.kept])
+        estimator = Estimator.of(estimator.by_z, fixed, has_prior=True)
+    columns, labels = columns_of(problem, q, fit.nuisances)
+    new, root = len(labels), estimator.leverage_root()
+    columns = np.hstack([columns, problem.slopes(fit.z, fit.nuisances, plain=True)[0]])
+    gram, through, residuals = columns.T @ columns, root.T @ columns, readings - root @ (root.T @ readings)
+    information, squares = gram - through.T @ through, np.diag(gram)
+    is_usable = np.diag(information) > _UNSEEN * squares
+    is_usable[:new] &= (gram[:new, new:] ** 2 <= _KNOWN**2 * np.outer(squares[:new], squares[new:])).all(axis=1)
+    labels += [(TOLERANCE, name, "prior std") for name in problem.unit.names]
+    total, degrees = float(readings @ residuals), len(readings) - estimator.nuisance_rank
+    chance, likely = rank((columns.T @ residuals, information, total, degrees, known), labels, is_usable)
+    found = []
+    for one in likely if chance <= FALSE_ALARMS else []:
+        effect, white = np.zeros(problem.readings.shape), columns[:, one.columns] @ one.mean
+        for _, places, span, noise in problem.at_stations:
+            effect[places] = noise @ (white - root @ (root.T @ white))[span]
+        without = leave_out(problem, estimator, estimator, effect, groups)
+        away = without.values[without.is_predicted, :3]
+        owners = np.array([labels[k][1] for k in one.columns])
+        joint = max(owners.tolist(), key=lambda name: float(np.linalg.norm(one.mean[owners == name])))
+        size = float(np.linalg.norm(mean := np.where(owners == joint, one.mean, 0.0)))
+        low, high = normal_interval(size, float(np.sqrt(mean @ one.covariance @ mean)) / size, LEVEL)
+        kind, _, unit = labels[one.columns[int(np.argmax(owners == joint))]]
+        facts = size, (max(low, 0.0), high), unit, float(np.exp(one.gain - likely[0].gain))
+        rms = float(np.linalg.norm(away)) / max(len(away), 1) ** 0.5
+        found.append(Cause(kind, joint, np.unique(owners).size > 1, *facts, rms))
+    return found
+
+
+def doubt_sheet(causes: Sequence[Cause]) -> Iterator[Finding]:
+    """Yield a warning that names the likeliest causes."""
+    if causes:
+        others = f"; as well explained by: {some([*map(str, causes[1:])], 3, '; ')}" * bool(causes[1:])
+        message = (
+            f"readings show an error that the sheet lacks, most likely {causes[0]}, by which readings left out are "
+            f"{1e3 * causes[0].left_out:.3g} mm rms off{others}; add its source, or measure where these differ"
+        )
+        yield Finding("warning", "W_CAUSE", message)

@@ -1,0 +1,156 @@
+"""Errors that a sheet lacks: scores by dense least squares, tails by samples, planted causes by name, honest robots by count."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import precision_pin as pp
+from analyses.calibration.arms import OFF_AXIS, offsets, plain_model, random_poses, readings_of
+from precision_pin.analyses.calibration.causes import TOLERANCE, columns_of, rank, tail, weigh
+from precision_pin.analyses.calibration.data import read_data
+from precision_pin.analyses.calibration.fit import Problem
+from precision_pin.sources import Backlash, JointCompliance, Transmission
+
+TRACKER = pp.Measurement(std=20e-6)
+FREE = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+
+
+@cache
+def linear_problem():
+    """Return the paper's arm at 25 poses with a free base: columns of causes, of the sheet and of the set-up, and labels."""
+    model, q = plain_model(), random_poses(4, 15)
+    data = read_data(model, (q, readings_of(model, q, FREE)), (FREE,))
+    problem = Problem.of(model, data)[0]
+    columns, labels = columns_of(problem, data.q, problem.start)
+    return problem, columns, labels, *problem.slopes(np.zeros(problem.unit.root.shape[1]), problem.start)
+
+
+@cache
+def inverse():
+    """Return the inverse of the covariance of the readings less the set-up, and the rank of that."""
+    *_, by_z, fixed = linear_problem()
+    null = np.linalg.svd(fixed / np.linalg.norm(fixed, axis=0))[0][:, np.linalg.matrix_rank(fixed) :]
+    return null @ np.linalg.inv(null.T @ (np.eye(len(by_z)) + by_z @ by_z.T) @ null) @ null.T, null
+
+
+def scores_of(readings, known=1e9):
+    """Return what :func:`weigh` takes of readings ``(M,)``."""
+    columns, (weight, null) = linear_problem()[1], inverse()
+    total = float(readings @ weight @ readings)
+    return columns.T @ weight @ readings, columns.T @ weight @ columns, total, null.shape[1], known
+
+
+def test_a_tail_is_that_of_samples_and_of_f():
+    for x in (3.5, 8.0, 14.0):
+        assert tail(np.ones(2), x / 1e9, 1e9) == pytest.approx(stats.chi2.sf(x, 2), rel=0.06)
+        assert tail(np.full(3, 5.0), 15 * x / 12, 12.0) == pytest.approx(stats.f.sf(x, 3, 12), rel=0.06)
+    squares = np.random.default_rng(0).standard_normal((12, 100_000)) ** 2
+    weights = np.array([3.0, 1.0, 0.5, 0.1])
+    form = weights @ squares[:4]
+    assert tail(weights, 18.0 / 1e9, 1e9) == pytest.approx((form > 18).mean(), rel=0.08)
+    # a share of the whole sum, as of a std that was tuned to it
+    assert tail(weights - 1.2, 1.2, 8) == pytest.approx((form > 1.2 * squares.sum(axis=0)).mean(), rel=0.08)
+    assert (tail(-np.ones(1), 1.0, 5), tail(np.zeros(1), 1.0, 0)) == (0.0, 1.0)
+
+
+@pytest.mark.slow
+def test_a_cause_is_weighed_by_dense_least_squares():
+    """Amplitudes of one variance beside the arm's numbers: likelihood ratio, posterior mean and covariance by dense matrices."""
+    _, columns, labels, by_z, _ = linear_problem()
+    rng = np.random.default_rng(1)
+    own = np.array([k for k, label in enumerate(labels) if label[:2] == ("wave, 2 in a turn", "joint3")])
+    readings = columns[:, own] @ [6e-5, -3e-5] + by_z @ rng.standard_normal(by_z.shape[1])
+    readings += rng.standard_normal(len(readings))
+    found = weigh(own, scores_of(readings))
+    null = inverse()[1]
+    y, g = null.T @ readings, null.T @ columns[:, own]
+    sheet = null.T @ (np.eye(len(by_z)) + by_z @ by_z.T) @ null
+
+    def likelihood(variance):
+        covariance = sheet + variance * g @ g.T
+        return -np.linalg.slogdet(covariance)[1] / 2 - y @ np.linalg.solve(covariance, y) / 2
+
+    variances = np.logspace(-12, -6, 200)
+    best = variances[int(np.argmax([likelihood(one) for one in variances]))]
+    assert found.gain == pytest.approx(likelihood(best) - likelihood(0.0), abs=0.02)
+    gain = best * g.T @ np.linalg.inv(sheet + best * g @ g.T)
+    np.testing.assert_allclose(found.mean, gain @ y, rtol=0.03)
+    np.testing.assert_allclose(found.covariance, best * (np.eye(2) - gain @ g), rtol=0.1, atol=1e-13)
+    # the score's own law: t'A⁻¹t is chi-square, and the form for one column is its square
+    single = weigh(own[:1], scores_of(readings))
+    score = (g[:, 0] @ np.linalg.solve(sheet, y)) ** 2 / (g[:, 0] @ np.linalg.solve(sheet, g[:, 0]))
+    assert single.chance == pytest.approx(stats.chi2.sf(score, 1), rel=0.15)
+    tuned = scores_of(readings, None)
+    ratio = score / (tuned[2] - score) * (tuned[3] - 1)
+    assert weigh(own[:1], tuned).chance == pytest.approx(stats.f.sf(ratio, 1, tuned[3] - 1), rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("known", [1e9, None])
+def test_honest_robots_have_no_cause_as_often_as_stated(known):
+    """Linear robots, a std that is known or tuned: of probabilities so many are small, up to three deviations of a count."""
+    _, columns, labels, by_z, _ = linear_problem()
+    rng, robots = np.random.default_rng(2), 30
+    usable = np.diag(columns.T @ inverse()[0] @ columns) > 1e-9 * (columns**2).sum(axis=0)
+    y = by_z @ rng.standard_normal((by_z.shape[1], robots)) + rng.standard_normal((len(by_z), robots))
+    chances = np.array([rank(scores_of(one, known), labels, usable)[0] for one in y.T])
+    for level in (0.0075, 0.05, 0.1):
+        assert abs((chances < level).mean() - level) < 3 * np.sqrt(level * (1 - level) / robots)
+
+
+PLANTED = {
+    ("backlash by load", "joint3"): (Backlash(joint="joint3", backlash=8e-5, band=1e-6), 8e-5),
+    ("wave, 2 in a turn", "joint2"): (Transmission(joint="joint2", amplitude=(5e-5,), order=(2.0,)), 5e-5),
+    ("compliance", "joint3"): (JointCompliance(joint="joint3", compliance=1e-6), 1e-6),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "joint"), PLANTED)
+def test_a_planted_cause_is_named_with_its_joint_and_size(kind, joint):
+    """Complete fits of a sheet one of whose numbers no reading sees: the true size is within its interval."""
+    unseen, q, known = (
+        JointCompliance(joint="joint1", compliance=pp.Normal(2e-6, mean=2e-5)),
+        random_poses(4, 15),
+        pp.Measurement(std=20e-6),
+    )
+    source, true = PLANTED[kind, joint]
+    readings = readings_of(offsets(pp.Normal(1e-3), unseen, source), q, known, seed=6)
+    found = pp.calibrate(offsets(pp.Normal(1e-3), unseen), (q, readings), known)
+    first = found.causes[0]
+    assert (first.kind, first.joint, first.is_shared, first.likelihood) == (kind, joint, False, 1.0)
+    assert first.interval[0] < true < first.interval[1]
+    assert kind not in [one.kind for one in found.causes if one.is_shared]
+    # left-out readings are off by that and by noise
+    assert 0.3 * found.rms("left out") < first.left_out < 1.1 * found.rms("left out")
+    (warning,) = (one.message for one in found.findings if one.code == "W_CAUSE")
+    assert (found.verdict, f"most likely {kind} of {joint} (" in warning) == ("disagrees", True)
+    assert first.to_dict()["interval"] == list(first.interval)
+
+
+@pytest.mark.slow
+def test_backlash_by_motion_and_drift_follow_the_order_of_readings():
+    model, q, gap = offsets(pp.Normal(1e-3)), random_poses(4, 20), 0.2e-3
+    moved = np.sign(np.diff(q, axis=1, prepend=q[:, :1])) * (np.arange(4) == 1)[:, None]
+    drift = np.linspace(0, 1, 20)[:, None] * [0.1e-3, 0, -0.05e-3]
+    truths = {"backlash by motion": gap, "drift of base or instrument": float(np.hypot(0.1e-3, 0.05e-3))}
+    readings = readings_of(model, q + gap / 2 * moved, FREE, seed=3), readings_of(model, q, FREE, seed=3) + drift
+    for (kind, true), joint, given in zip(truths.items(), ("joint2", ""), readings, strict=True):
+        first = pp.calibrate(model, (q, given), FREE).causes[0]
+        assert (first.kind, first.joint) == (kind, joint)
+        assert first.interval[0] < true < first.interval[1]
+
+
+@pytest.mark.slow
+def test_what_the_sheet_has_is_no_cause_and_a_small_tolerance_is_told_from_one():
+    gear, q = PLANTED["wave, 2 in a turn", "joint2"][0], random_poses(4, 12)
+    model = offsets(pp.Normal(1e-3), gear)
+    known = pp.calibrate(model, (q, readings_of(model, q, TRACKER, seed=2)), TRACKER)
+    assert (known.causes, known.verdict) == ((), "agrees")
+    # offsets a hundred times as large as the sheet says
+    real = offsets(pp.Normal(2e-4))
+    first = pp.calibrate(offsets(pp.Normal(2e-6)), (q, readings_of(real, q, TRACKER, seed=2)), TRACKER).causes[0]
+    assert (first.kind, first.unit) == (TOLERANCE, "prior std")
+    assert first.joint.startswith("joint_offset[")
