@@ -35,7 +35,6 @@ def check_samples(samples: int, *, keep_samples: bool = False) -> None:
         check_kept(samples)
 
 
-@lru_cache(maxsize=1)
 def packages() -> tuple[tuple[str, str], ...]:
     """Return name and version of the packages that determine the bits of a block."""
     found = versions()

@@ -112,6 +112,7 @@ class MonteCarloResult(Record, JsonResult):
         scopes: Number of random numbers drawn once for each unit, pose and visit.
         nominal: ``(6,)`` error with every parameter at its mean.
         summary: Statistics of the samples, base axes.
+        position, attitude: Distributions of |d|, dx, dy, dz (m), and of |δ|, δx, δy, δz (rad).
         sliding_joints: Sliding joints of ``q``: their values are in m, all others in rad.
         correlations: Correlations of the space.
         makers: Parameters, by name, of the units with the largest errors (``summary.largest_position`` and
@@ -168,21 +169,19 @@ class MonteCarloResult(Record, JsonResult):
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions)
     relative_to: RelativeTo | None = None
+    # fields, because interpreters complete what follows a property from its class only, which has no fields
+    position: VectorDistribution = field(init=False, repr=False)
+    attitude: VectorDistribution = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", self.summary.position)
+        object.__setattr__(self, "attitude", self.summary.attitude)
+        super().__post_init__()
 
     @property
     def samples(self) -> int:
         """Number of samples drawn."""
         return self.summary.samples
-
-    @property
-    def position(self) -> VectorDistribution:
-        """Distributions of |d|, dx, dy, dz (m)."""
-        return self.summary.position
-
-    @property
-    def attitude(self) -> VectorDistribution:
-        """Distributions of |δ|, δx, δy, δz (rad)."""
-        return self.summary.attitude
 
     @property
     def covariance(self) -> Array | None:
