@@ -179,7 +179,7 @@ def test_quantiles_of_a_law():
     assert law.quantile(0.5) == 150
     low, high = law.quantile_interval(0.5)
     assert stats.binom.cdf(high - 101, 101, 0.5) - stats.binom.cdf(low - 100, 101, 0.5) > 0.9
-    assert law.quantile(0.9973) is None
+    assert law.resolved_quantile(0.9973) is None
     with pytest.raises(pp.InputError, match="above 0 and below 1"):
         law.quantile(1.0)
 

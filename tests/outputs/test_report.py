@@ -231,7 +231,7 @@ def test_numbers_of_the_distributions(model, reader):
         for which, heading in (("mean", "mean"), ("std", "standard deviation"), (0.5, "50 %"), (0.9973, "99.73 %")):
             for part, cell in zip(parts, table.row(heading), strict=True):
                 if isinstance(which, float):
-                    value, ends = part.quantile(which), part.quantile_interval(which)
+                    value, ends = part.resolved_quantile(which), part.quantile_interval(which)
                 else:
                     value, ends = getattr(part, which), getattr(part, f"{which}_interval")()
                 if value is None:

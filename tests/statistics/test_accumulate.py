@@ -126,7 +126,7 @@ def test_one_sample_and_two() -> None:
     plan = Plan(np.zeros(8), np.full(8, 1e-3), SPECIFICATIONS)
     one, two = summary_of(plan, errors[:, :1]), summary_of(plan, errors)
     norm = one.position.norm
-    unresolved = (norm.std, norm.quantile(0.5), norm.mode, norm.resolution("mean"), norm.to_dict()["std"])
+    unresolved = (norm.std, norm.resolved_quantile(0.5), norm.mode, norm.resolution("mean"), norm.to_dict()["std"])
     assert (one.covariance, *unresolved) == (None,) * 6
     assert norm.mean == norm.min == norm.max == 1e-3
     assert one.specifications[0].interval == (pytest.approx(0.025), 1.0)

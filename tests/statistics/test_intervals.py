@@ -79,8 +79,13 @@ def test_wilks_sample_sizes_decide_what_a_summary_gives() -> None:
     assert at[92].x.tolerance_interval(0.95) is at[92].x.tolerance_bounds(0.95) is None
     ends = at[93].x.min, at[93].x.max
     assert at[93].x.tolerance_interval(0.95) == at[93].x.tolerance_bounds(0.95) == ends
-    assert at[71].norm.quantile(0.95) is at[71].norm.quantile_interval(0.95) is None
-    assert at[72].norm.quantile(0.95) is not None
+    assert at[71].norm.resolved_quantile(0.95) is at[71].norm.quantile_interval(0.95) is None
+    with pytest.raises(
+        InputError, match=r"71 samples do not resolve the 95 % quantile of position\.norm .* it takes 72$"
+    ):
+        at[71].norm.quantile([0.5, 0.95])
+    norm = at[72].norm
+    assert norm.quantile([0.5, 0.95]).tolist() == [norm.resolved_quantile(0.5), norm.quantile(0.95)]
     assert at[72].norm.quantile_interval(0.95)[1] == at[72].norm.max
 
 

@@ -198,7 +198,7 @@ def _goodness(results: Results) -> tuple[int, float, float]:
     """Return the sort key of a pose: specifications missed, smallest margin, then the error; the worst sorts first."""
     given = results.analysis.summary.specifications
     norm = results.analysis.position.norm
-    size = norm.quantile(0.95)
+    size = norm.resolved_quantile(0.95)
     spare = min((result.probability - result.required for result in given), default=0.0)
     return (-sum(not result.met for result in given), spare, -(norm.max if size is None else size))
 

@@ -133,7 +133,7 @@ def _mark(axes: Axes, distribution: Distribution, ruler: _Ruler, specifications:
     axes.axvline(ruler(distribution.mean), color=BLACK, linestyle="-", label=f"mean: {mean}")
     first, second = (0.95, 0.9973) if distribution.is_norm else (0.05, 0.95)
     for p, colour, dashes in ((first, BLUE, (0, (4, 1.5))), (second, PURPLE, (0, (1.2, 1.2)))):
-        value, interval = distribution.quantile(p), distribution.quantile_interval(p)
+        value, interval = distribution.resolved_quantile(p), distribution.quantile_interval(p)
         label = f"{100 * p:g} % quantile: {_text(value, interval, ruler.text_unit)}"
         if value is None or interval is None:
             axes.plot([], [], color=colour, linestyle=dashes, label=label)

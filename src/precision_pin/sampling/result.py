@@ -301,7 +301,7 @@ class MonteCarloResult(Record, JsonResult):
             for name in ("mean", "std", "min", "max", "mode")
         }
         variables["quantile"] = over(
-            lambda one: [tables.number(one.quantile(level)) for level in levels], "probability"
+            lambda one: [tables.number(one.resolved_quantile(level)) for level in levels], "probability"
         )
         variables["quantile_interval"] = over(
             lambda one: [one.quantile_interval(level) or nothing for level in levels], "probability", "end"
@@ -329,7 +329,7 @@ class MonteCarloResult(Record, JsonResult):
 
     def __repr__(self) -> str:
         norm = self.position.norm
-        quantile = norm.quantile(0.95)
+        quantile = norm.resolved_quantile(0.95)
         within = "" if quantile is None else f", |d| within {1e3 * quantile:.4g} mm for 95 %"
         return (
             f"<MonteCarloResult of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}{self._other_pose}: "
@@ -397,7 +397,11 @@ def _cells(distribution: Distribution) -> list[str]:
     vanishes = max(abs(distribution.min), abs(distribution.max)) < tables.ROUNDING
     cells = []
     for statistic in ("mean", "std", 0.5, 0.95, 0.9973):
-        value = distribution.quantile(statistic) if isinstance(statistic, float) else getattr(distribution, statistic)
+        value = (
+            distribution.resolved_quantile(statistic)
+            if isinstance(statistic, float)
+            else getattr(distribution, statistic)
+        )
         half_width = distribution.half_width(statistic)
         if value is None or half_width is None:
             cells.append("-")

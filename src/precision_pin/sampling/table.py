@@ -143,7 +143,7 @@ def _bounds(part: Distribution) -> list[str]:
 
 def statistic(distribution: Distribution, which: str | float) -> str:
     """Return a statistic (``mean``, ``std``, …, or a quantile's level) in mm or mrad; ``-`` where not resolved."""
-    value = distribution.quantile(which) if isinstance(which, float) else getattr(distribution, which)
+    value = distribution.resolved_quantile(which) if isinstance(which, float) else getattr(distribution, which)
     interval = distribution.interval(which)
     if value is None or interval is None:
         return "-"

@@ -14,9 +14,10 @@ find the mode elsewhere (a spike).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +25,7 @@ from scipy.special import ndtri
 
 from precision_pin.base.arguments import check_number, check_quantities, check_quantity, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
-from precision_pin.base.errors import UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.statistics.intervals import (
     Moments,
     quantile_ranks,
@@ -59,6 +60,28 @@ _WIDEST: Final = 1.6
 """Longest interval reported, in standard deviations; a flat law is 3.5 wide, two equal peaks at least 2."""
 _FINER: Final = (4, 16)
 """Factors by which the windows that detect spikes are narrower."""
+
+
+def resolved(
+    quantile: Callable[[float], float | None],
+    p: float | Sequence[float] | Array,
+    quantity: str,
+    samples: int,
+    confidence: float,
+) -> float | Array:
+    """Return one quantile or several of a function that returns None where the samples do not resolve one; raise there."""
+    values = []
+    for level in np.atleast_1d(np.asarray(p, dtype=object)).tolist():
+        value = quantile(level)
+        if value is None:
+            # P(all samples lie on one side of the quantile) is to be at most half of what the interval may miss
+            needed = math.ceil(math.log((1 - confidence) / 2) / math.log(max(level, 1 - level)))
+            raise InputError(
+                f"{samples:,} samples do not resolve the {100 * level:.10g} % quantile of {quantity} at {confidence:.0%} "
+                f"confidence; it takes {needed:,}"
+            )
+        values.append(value)
+    return values[0] if np.ndim(p) == 0 else np.array(values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +133,19 @@ class Distribution(Record):
 
     # quantiles ---------------------------------------------------------------------------------------
 
-    def quantile(self, p: float) -> float | None:
+    @overload
+    def quantile(self, p: float) -> float: ...
+    @overload
+    def quantile(self, p: Sequence[float] | Array) -> Array: ...
+    def quantile(self, p: float | Sequence[float] | Array) -> float | Array:
+        """Return the p-quantile as :meth:`resolved_quantile`, or those of several probabilities.
+
+        Raises:
+            InputError: A probability does not lie between 0 and 1, or the samples do not resolve its quantile.
+        """
+        return resolved(self.resolved_quantile, p, self.quantity, self.samples, self.confidence)
+
+    def resolved_quantile(self, p: float) -> float | None:
         """Return the p-quantile; None where the samples do not resolve it (no interval exists).
 
         Interpolates linearly between order statistics at rank 1 + (N − 1) p (numpy's default), each placed in its bin
@@ -129,7 +164,7 @@ class Distribution(Record):
 
         This is the error of the sketch alone, without the sampling error. Raises InputError unless 0 < p < 1.
         """
-        if self.quantile(p) is None:
+        if self.resolved_quantile(p) is None:
             return None
         position = (self.samples - 1) * p
         below = min(math.floor(position), self.samples - 1)
@@ -266,7 +301,7 @@ class Distribution(Record):
     @property
     def _entries(self) -> dict[str, Any]:
         by_level = {
-            "quantiles": self.quantile,
+            "quantiles": self.resolved_quantile,
             "quantile_interval": self.quantile_interval,
             "quantile_error": self.quantile_error,
         }
@@ -279,7 +314,7 @@ class Distribution(Record):
     def value_and_interval(self, statistic: str | float) -> tuple[float | None, tuple[float, float] | None]:
         """Return a statistic of `half_width`, None if unresolved, and its interval; raise UnknownNameError for others."""
         if not isinstance(statistic, str):
-            return self.quantile(statistic), self.quantile_interval(statistic)
+            return self.resolved_quantile(statistic), self.quantile_interval(statistic)
         if statistic in ("mean", "std", "mode"):
             return getattr(self, statistic), getattr(self, f"{statistic}_interval")()
         if statistic in ("min", "max"):

@@ -291,7 +291,7 @@ class ComparisonResult(Outcome):
         for pose in self.poses:
             for name, law in zip(self.names, pose.laws, strict=True):
                 cells = [
-                    milli(distribution.quantile(level))
+                    milli(distribution.resolved_quantile(level))
                     for distribution in (law.position.norm, law.attitude.norm)
                     for level in (0.5, 0.95)
                 ]
@@ -302,7 +302,7 @@ class ComparisonResult(Outcome):
 
 
 def _within(law: MonteCarloResult) -> float:
-    value = law.position.norm.quantile(0.95)
+    value = law.position.norm.resolved_quantile(0.95)
     return -1.0 if value is None else value
 
 
@@ -625,7 +625,7 @@ def _variance(value: float | None) -> str:
 
 def _quantile(law: MonteCarloResult, quantity: str, level: float) -> str:
     of = law.position.norm if quantity.startswith("position") else law.attitude.norm
-    value, ends = of.quantile(level), of.quantile_interval(level)
+    value, ends = of.resolved_quantile(level), of.quantile_interval(level)
     if value is None or ends is None:
         return "-"
     return format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=5)

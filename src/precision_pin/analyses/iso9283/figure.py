@@ -47,7 +47,7 @@ def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
     for place, (pose, law) in enumerate(zip(result.poses, laws, strict=True), start=1):
         _draw_law(axes, place, law.values * unit.per_si)
         for level, colour, dashes, label in ((0.5, BLUE, "-", "median"), (0.95, PURPLE, "--", "95 % of robots")):
-            quantile = law.quantile(level)
+            quantile = law.resolved_quantile(level)
             if quantile is not None:
                 ends = [place - _HALF_WIDTH, place + _HALF_WIDTH]
                 axes.plot(ends, [quantile * unit.per_si] * 2, color=colour, linestyle=dashes, label=label)

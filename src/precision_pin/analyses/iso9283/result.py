@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ from precision_pin.base.errors import InputError, UnknownNameError, warns_at_end
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, number
 from precision_pin.statistics import SpecificationResult
+from precision_pin.statistics.distribution import resolved
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -61,7 +62,15 @@ class FigureLaw(Record):
         """Standard deviation, divisor N - 1; NaN for one robot."""
         return float(self.values.std(ddof=1)) if self.values.size > 1 else math.nan
 
-    def quantile(self, probability: float) -> float | None:
+    @overload
+    def quantile(self, probability: float) -> float: ...
+    @overload
+    def quantile(self, probability: Sequence[float] | Array) -> Array: ...
+    def quantile(self, probability: float | Sequence[float] | Array) -> float | Array:
+        """Return a quantile, or several; raises InputError also where the robots are too few for its interval."""
+        return resolved(self.resolved_quantile, probability, "the figure", len(self.sorted), self.confidence)
+
+    def resolved_quantile(self, probability: float) -> float | None:
         """Return a quantile; ``None`` where the robots are too few for its interval.
 
         Raises:
@@ -89,7 +98,7 @@ class FigureLaw(Record):
     @property
     def quantiles(self) -> dict[float, float | None]:
         """Quantiles of the JSON."""
-        return {level: self.quantile(level) for level in LEVELS}
+        return {level: self.resolved_quantile(level) for level in LEVELS}
 
     @property
     def intervals(self) -> dict[float, tuple[float, float] | None]:
@@ -394,13 +403,19 @@ class Iso9283Result(AnalysisResult):
         for pose, name, law in self.laws():
             columns = {"mean": law.mean, "std": number(law.std)}
             for level in LEVELS:
-                columns |= interval_columns(f"quantile_{level}", law.quantile(level), law.quantile_interval(level))
+                columns |= interval_columns(
+                    f"quantile_{level}", law.resolved_quantile(level), law.quantile_interval(level)
+                )
             rows.append(((pose, name), columns))
         return data_frame(["pose", "figure"], rows, self.settings())
 
     def _repr_html_(self) -> str:
         rows = [
-            [pose, *(milli(law.quantile(p)) for law in (at.AP, at.RP) for p in (0.5, 0.95)), milli(at.RP_limit.mean)]
+            [
+                pose,
+                *(milli(law.resolved_quantile(p)) for law in (at.AP, at.RP) for p in (0.5, 0.95)),
+                milli(at.RP_limit.mean),
+            ]
             for pose, at in self.poses.items()
         ]
         columns = ["pose", "AP median [mm]", "AP 95 %", "RP median [mm]", "RP 95 %", "RP of endless cycles, mean"]

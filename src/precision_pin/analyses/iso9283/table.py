@@ -168,7 +168,7 @@ def _measured(measured: Comparison) -> list[str]:
 
 
 def _quantile(law: FigureLaw, level: float) -> tuple[str, str]:
-    value, ends = law.quantile(level), law.quantile_interval(level)
+    value, ends = law.resolved_quantile(level), law.quantile_interval(level)
     if value is None or ends is None:
         return "-", "-"
     if max(map(abs, ends)) < ROUNDING:

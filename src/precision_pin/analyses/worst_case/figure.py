@@ -172,7 +172,7 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
         (bound.first_order.upper, VERMILION, "-", 1.6, "bound of the first-order model"),
         (bound.found.norm, BLACK, (0, (1.2, 1.2)), 1.0, "largest error of the exact model found"),
         (bound.seen.max, GREEN, (0, (4, 1.5)), 1.0, "largest seen among the samples"),
-        (bound.seen.quantile(SEEN_LEVEL), PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, quantile),
+        (bound.seen.resolved_quantile(SEEN_LEVEL), PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, quantile),
     ):
         if size is not None:
             axes.axvline(size * shown.per_si, color=colour, linestyle=dashes, linewidth=width, label=label)

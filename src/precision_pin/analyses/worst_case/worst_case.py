@@ -146,7 +146,7 @@ class NormBound(Record):
         """Samples, as in the JSON."""
         return {
             "max": self.seen.max,
-            "quantile": {SEEN_LEVEL: self.seen.quantile(SEEN_LEVEL)},
+            "quantile": {SEEN_LEVEL: self.seen.resolved_quantile(SEEN_LEVEL)},
             "quantile_interval": {SEEN_LEVEL: self.seen.quantile_interval(SEEN_LEVEL)},
         }
 

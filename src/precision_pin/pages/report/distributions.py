@@ -102,7 +102,7 @@ def _sizes(results: Results) -> Html:
 def _sentence(distribution: Distribution) -> Html:
     name = symbol(distribution.quantity)
     what = "a position" if distribution.quantity.startswith("position") else "an attitude"
-    level = next((level for level in reversed(_UNASKED) if distribution.quantile(level) is not None), None)
+    level = next((level for level in reversed(_UNASKED) if distribution.resolved_quantile(level) is not None), None)
     if level is None:
         return joined([f"The samples are too few for the far quantiles of the error {name}."])
     size = element("strong", f"{statistic(distribution, level)} {unit(distribution.quantity)}")

@@ -30,7 +30,7 @@ def constant_part(results: Results) -> float:
     """Return the position error with every parameter at its mean, m; 0 where it is a small part of the error."""
     size = float(np.linalg.norm(results.analysis.nominal[:3]))
     norm = results.analysis.position.norm
-    return size if size > 0.1 * (norm.quantile(_LEVEL) or norm.max) else 0.0
+    return size if size > 0.1 * (norm.resolved_quantile(_LEVEL) or norm.max) else 0.0
 
 
 def changes(results: Results) -> Html:
@@ -129,7 +129,7 @@ def picture(results: Results) -> Html:
         size = found and f"{format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))} mm"
         shown = f"errors without the constant part of {milli(constant_part(results), 3)} mm"
     else:
-        within, middle = norm.quantile(_LEVEL), (0.0, 0.0, 0.0)
+        within, middle = norm.resolved_quantile(_LEVEL), (0.0, 0.0, 0.0)
         size = None if within is None else f"{statistic(norm, _LEVEL)} {unit(norm.quantity)}"
         shown = "errors"
     cloud = Cloud(errors, within, limit and limit.limit, limit is None or limit.met, middle)
