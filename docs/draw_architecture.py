@@ -38,7 +38,7 @@ def imports() -> dict[str, set[str]]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module and node.module.partition(".")[0] == "precision_pin":
                 names = [node.module] if "." in node.module else [f"precision_pin.{alias.name}" for alias in node.names]
-                found[home(path)] |= {name.split(".")[1] for name in names} - {home(path)}
+                found[home(path)] |= ({name.split(".")[1] for name in names} - {home(path)}) & found.keys()
     return found
 
 

@@ -14,7 +14,7 @@ import pytest
 from support.package_code import PACKAGE, nodes, tree
 
 FLOORS = (
-    *("base", "statistics", "render", "draws", "robot", "terms", "sources", "sheet", "model", "export", "kernel"),
+    *("base", "statistics", "render", "draws", "robot", "terms", "sources", "sheet", "model", "writers", "kernel"),
     *("sampling", "analyses", "pages", "cli", "__main__"),
 )
 """Files and folders of the package, the lowest first."""

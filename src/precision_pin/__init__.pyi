@@ -19,6 +19,7 @@ from .analyses.iso9283.forecast import iso9283 as iso9283
 from .analyses.map.map_poses import map_poses as map_poses
 from .analyses.moments.moments import moments as moments
 from .analyses.path.path_law import path_law as path_law
+from .analyses.readings import simulate as simulate
 from .analyses.reliability.reliability import reliability as reliability
 from .analyses.worst_case.worst_case import worst_case as worst_case
 from .base.errors import InputError as InputError
@@ -43,6 +44,9 @@ from .draws.laws import Uniform as Uniform
 from .draws.space import Space as Space
 from .model.error_model import ErrorModel as ErrorModel
 from .model.error_model import every_frame as every_frame
+from .pages.documents import Page as Page
+from .pages.documents import report as report
+from .pages.documents import view as view
 from .robot import mcpc as mcpc
 from .robot.chain import Chain as Chain
 from .robot.chain import Posture as Posture
@@ -66,6 +70,8 @@ from .sheet.measurement import Measurement as Measurement
 from .statistics.plan import specification as specification
 from .terms.source import Source as Source
 from .terms.term import Term as Term
+from .writers.as_built import export as export
+from .writers.scaffold import init as init
 
 def sheet_keys() -> dict[str, str]: ...
 

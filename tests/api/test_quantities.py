@@ -1,6 +1,8 @@
 """Quantities in Python: every argument that is one takes text with a unit, and none is forgotten."""
 
 import inspect
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +28,13 @@ def at_angles(first):
     return {name: first if name == CHAIN.joint_names[0] else 0.0 for name in CHAIN.joint_names}
 
 
+def exported(first):
+    with tempfile.TemporaryDirectory() as folder:
+        pp.export(MODEL, folder, at_angles(first))
+        row = (Path(folder) / "units.csv").read_text("utf-8").splitlines()[1]
+    return np.array([float(cell) for cell in row.split(",")[2:8]])
+
+
 CASES = {
     "Measurement.std": (measured("std"), "20 um", 20e-6, "3 mrad"),
     "Measurement.target": (measured("target"), "0 5 100 mm", (0.0, 0.005, 0.1), "0 0 3 deg"),
@@ -40,6 +49,7 @@ CASES = {
     ),
     "Measurement.visible_from": (measured("visible_from", facing=(0, 0, 1)), "3 0 1 m", (3, 0, 1), "0 0 3 kg"),
     "Measurement.cone": (measured("cone", visible_from=(1, 0, 0)), "40 deg", np.pi / 4.5, "3 mm"),
+    "export.pose": (exported, "30 deg", 30 * DEGREES, "3 mm"),
     "iso9283.target": (
         lambda given: pp.iso9283(MODEL, [[0.1, 0.2, 0.3, 0.4]], robots=20, cycles=3, target=given).target,
         "0 0 100 mm", (0, 0, 0.1), "0 0 3 deg",

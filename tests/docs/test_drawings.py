@@ -96,7 +96,7 @@ def test_the_drawn_axis_meets_the_origins_plane_where_the_source_puts_the_seat(t
 
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = ("analyses", "cli", "export", "model", "pages", "render", "sampling", "statistics")
+FOLDERS = ("analyses", "cli", "writers", "model", "pages", "render", "sampling", "statistics")
 WORDS = re.compile(
     r"\{VERDICT\}|\b(MET|NOT MET|[Mm]et|holds?|at least|at most|bounds?|certified|agrees?|AGREES|DISAGREES?|worst|never|always"
     r"|no allocation)\b(?!-case)"

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from precision_pin import InputError, Normal, Uniform
-from precision_pin.export.as_built import AsBuilt
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sheet import Overrides, read
 from precision_pin.sources import Mounting, Thermal
+from precision_pin.writers.as_built import AsBuilt
 from support.sheets import named
 
 pytestmark = pytest.mark.slow

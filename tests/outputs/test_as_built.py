@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose
 
 import precision_pin as pp
 from precision_pin.base.errors import InternalError
-from precision_pin.export.as_built import AsBuilt, frozen_sources
 from precision_pin.robot import urdf
 from precision_pin.robot.examples import example_urdfs
 from precision_pin.robot.urdf.editing import Placement, UrdfText
@@ -27,6 +26,7 @@ from precision_pin.sources.length import Length
 from precision_pin.sources.mcpc import Mcpc
 from precision_pin.sources.mounting import Mounting
 from precision_pin.sources.transmission import Transmission
+from precision_pin.writers.as_built import AsBuilt, frozen_sources
 from support.plain_robot import PlainRobot, joint, link, pose_error, random_arm, robot
 from support.sheets import everything
 

@@ -15,10 +15,10 @@ from ruamel.yaml import YAML
 
 import precision_pin as pp
 from precision_pin.draws.laws import laws_of_sheets
-from precision_pin.export.scaffold import Survey, general_tolerance, quoted, round_125, scaffold
 from precision_pin.robot.examples import PAPER_SHEET, example_urdfs, resolve_robot
 from precision_pin.sheet import read
 from precision_pin.sources import catalogue
+from precision_pin.writers.scaffold import Survey, general_tolerance, quoted, round_125, scaffold
 from support.plain_robot import joint, link, robot
 
 # odd robots have findings, which are not what is tested here

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import compress
 from typing import Final, NamedTuple
 
@@ -10,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_instance
-from precision_pin.base.arrays import Array
+from precision_pin.base.arguments import check_instance, check_whole
+from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.base.files import csv_text
-from precision_pin.draws.draw import Scope
-from precision_pin.draws.space import Space
+from precision_pin.draws.draw import MOST_VISITS, Scope
+from precision_pin.draws.space import Space, check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
@@ -158,6 +159,78 @@ def simulate_readings(
             errors = station.at.exact(with_later_draws(model, x, seed, kind * _POSES + number, visit, first))
             readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
     return readings
+
+
+@dataclass(frozen=True, eq=False)
+class Readings(Fixed):
+    """Readings of one simulated robot.
+
+    Attributes:
+        model, measurement: Arm and instrument.
+        q: Joint values of each reading, ``(n, P)``, rad and m.
+        values: What the instrument shows, ``(P, m)``, m and rad.
+    """
+
+    model: ErrorModel
+    measurement: Measurement
+    q: Array
+    values: Array
+
+    def to_csv(self, comments: Sequence[str] = ()) -> str:
+        """Return the file that ``calibrate`` reads, below comments."""
+        # couplings: what the controller shows is not what the joints have
+        columns = np.asarray(np.linalg.solve(self.measurement.mixing(self.model.chain), self.q), dtype=float)
+        kind, std = self.measurement.kind, self.measurement.std
+        return readings_csv(self.model.chain, columns, kind, self.values, std, comments)
+
+    def to_cycles(self, cycles: int, comments: Sequence[str] = ()) -> str:
+        """Return the file that ``iso9283 --measured`` reads, if each pose was read ``cycles`` times in a row."""
+        names = [f"P{rank}" for rank in range(1, self.q.shape[1] // cycles + 1)]
+        return cycles_csv(names, cycles, self.measurement.kind, self.values, comments)
+
+
+def simulate(
+    model: ErrorModel,
+    poses: object,
+    measurement: Measurement | None = None,
+    *,
+    unit: int = 0,
+    cycles: int = 1,
+    seed: int = 0,
+) -> Readings:
+    """Return readings of one sampled robot, with the noise of the instrument: a rehearsal without a robot.
+
+    The robot is one of those that :func:`precision_pin.monte_carlo` samples with the same seed: it has all its errors at
+    each pose by the exact model. A pose given twice is visited twice.
+
+    Args:
+        model: Arm with its errors.
+        poses: As for :func:`precision_pin.sample_poses`.
+        measurement: The instrument; by default the sheet's.
+        unit: Number of the robot.
+        cycles: How often each pose is visited, one visit after the other.
+        seed: 64-bit seed.
+
+    Raises:
+        InputError: Wrong poses or numbers, or no measurement.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> readings = pp.simulate(model, ["paper"], pp.Measurement(std="0.02 mm"), unit=3)
+        >>> print(readings.values.shape)
+        (1, 3)
+    """
+    instrument = measurement_of(model, measurement)
+    check_whole("unit", unit, 0, 2**64 - 1, "from 0 to 2^64 - 1")
+    check_whole("cycles", cycles, 1, MOST_VISITS)
+    check_seed(seed)
+    q, _ = model.configurations(poses)  # type: ignore[arg-type]
+    approaches = model.approaches_of(poses, q)
+    q = np.repeat(q, cycles, axis=1)
+    approaches = None if approaches is None else np.repeat(approaches, cycles, axis=1)
+    stations = stations_of(model, q, instrument, approaches)
+    simulated = simulate_readings(stations, instrument, model, seed=seed, first=unit)[:, :, 0]
+    return Readings(model, instrument, q, as_measured(simulated, stations, instrument))
 
 
 def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Measurement) -> Array:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from precision_pin.base.errors import Finding, InputError, OutputError, visible
-from precision_pin.base.files import csv_text, whole_folder, write_text
 from precision_pin.cli.inputs import Outputs, chosen_pose, echo_findings, read_sheet
 from precision_pin.cli.options import FILE, Command, one_pose_options, output_option, progress_bar, seed_option
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
@@ -20,16 +19,14 @@ from precision_pin.cli.terminal import echo_note
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from precision_pin.export.as_built import AsBuilt
+    from precision_pin.writers.as_built import AsBuilt
 
-MOST_UNITS: Final = 100_000
 FEW_UNITS: Final = 100
 """Number of units written without an estimate."""
 TRIALS: Final = 4
 LONG: Final = 10.0
 LARGE: Final = 100_000_000
 """Seconds or bytes above which an estimate is printed."""
-HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
 
 
 @click.command("export", cls=Command)
@@ -46,8 +43,8 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     and all errors (loads, draws for a pose or a visit) at the export pose.
     """
     from precision_pin.draws.space import check_seed
-    from precision_pin.export.as_built import AsBuilt, describe_frozen
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.writers.as_built import MOST_UNITS, AsBuilt, describe_frozen, write_units
 
     check_seed(seed)
     if not 1 <= units <= MOST_UNITS:
@@ -68,15 +65,8 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     echo_findings((*_added(writer), *_lost_meshes(writer, robot.parent, folder)))
     if units > FEW_UNITS:
         _estimate(writer, seed, first, units, folder)
-    digits = max(4, len(str(first + units - 1)))
-    names, rows = [], []
-    with whole_folder(folder) as stage, progress_bar(units, "writing", "robots") as progress:
-        for built in writer.units(seed, first, units):
-            names.append(f"{robot.stem}.unit{built.unit:0{digits}d}.urdf")
-            (stage / names[-1]).write_bytes(built.text)
-            rows.append((built.unit, names[-1], *map(repr, built.error.tolist()), built.digest))
-            progress(1)
-        write_text(stage / "units.csv", csv_text(HEAD, rows))
+    with progress_bar(units, "writing", "robots") as progress:
+        names = write_units(writer, folder, first=first, units=units, seed=seed, progress=progress)
     more = f" to {names[-1]}" if units > 1 else ""
     echo_note(f"wrote {out}: units.csv, {names[0]}{more}")
     name = model.pose_name(pose.where)

@@ -46,9 +46,9 @@ def command(
     robot_descriptions:NAME, or a xacro file, whose URDF is written beside the sheet, with its arguments as NAME:=VALUE. The
     sheet runs as it is: precision-pin analyze SHEET.
     """
-    from precision_pin.export.scaffold import scaffold
     from precision_pin.robot import examples, urdf
     from precision_pin.robot.chain import Chain, chain_findings
+    from precision_pin.writers.scaffold import scaffold
 
     robot = _expanded(robot, arguments, force=force)
     if mend_inertia:

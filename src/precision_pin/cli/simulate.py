@@ -46,10 +46,7 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     pose by the exact model, loads and draws for a pose or a visit included. A pose given twice is visited twice.
     calibrate reads the file as it is; with --cycles it is one of measured cycles for iso9283 --measured, in base axes.
     """
-    import numpy as np
-
-    from precision_pin.analyses.readings import as_measured, cycles_csv, readings_csv, simulate_readings, stations_of
-    from precision_pin.analyses.readings import measurement_of as known_measurement
+    from precision_pin.analyses.readings import simulate
     from precision_pin.base.arguments import check_whole
     from precision_pin.base.errors import visible
     from precision_pin.draws.draw import MOST_VISITS
@@ -75,15 +72,8 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     if count > _MOST:
         raise InputError.of("E_USAGE", f"{count:,} readings; at most {_MOST:,} are allowed")
     model = ErrorModel.from_sheet(sheet)
-    measurement = known_measurement(model, measurement)
     poses = [pose.name if pose.where is None else pose.where for pose in asked]
-    q, _ = model.configurations(poses)
-    approaches = model.approaches_of(poses, q)
-    q = np.repeat(q, cycles or 1, axis=1)
-    approaches = None if approaches is None else np.repeat(approaches, cycles or 1, axis=1)
-    stations = stations_of(model, q, measurement, approaches)
-    simulated = simulate_readings(stations, measurement, model, seed=seed, first=unit)[:, :, 0]
-    readings = as_measured(simulated, stations, measurement)
+    readings = simulate(model, poses, measurement, unit=unit, cycles=cycles or 1, seed=seed)
     readings_text = f"{count:,} reading{'s' if count > 1 else ''}"
     what = readings_text if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
     changed = f" with {', '.join(options['changes'])}" if options["changes"] else ""
@@ -92,11 +82,6 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
         f"{os.path.basename(sheet.file)}{changed}"
     )
     comments = [visible(f"simulated: {truth}", _LONGEST)]
-    if cycles is None:
-        columns = np.asarray(np.linalg.solve(measurement.mixing(model.chain), q), dtype=float)
-        text = readings_csv(model.chain, columns, measurement.kind, readings, measurement.std, comments)
-    else:
-        names = [f"P{rank}" for rank in range(1, len(asked) + 1)]
-        text = cycles_csv(names, cycles, measurement.kind, readings, comments)
+    text = readings.to_csv(comments) if cycles is None else readings.to_cycles(cycles, comments)
     write_text(Path(out), text)
     echo_note(f"wrote {out}: {truth}; export --seed {seed} --first {unit} writes this robot as URDF")

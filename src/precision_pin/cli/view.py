@@ -134,27 +134,16 @@ def _sampled(
 ) -> tuple[list[ViewPose], list[str]]:
     """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.model.pose_model import origin_shares
-    from precision_pin.model.verdict_grounds import by_both_models, exact_findings_at, grounds_at
-    from precision_pin.pages.view import ViewPose
-    from precision_pin.render.tables import resting_on
-    from precision_pin.sampling.clouds import sample_errors
+    from precision_pin.pages.view import remarks_on, sample_views
 
-    error_model, model, seed = ErrorModel.from_sheet(sheet), arm["model"], arm["seed"]
-    compile_sampler(error_model.space, model)
-    shown = []
-    findings: list[tuple[Finding, ...]] = []
+    error_model = ErrorModel.from_sheet(sheet)
+    compile_sampler(error_model.space, arm["model"])
+    settings = {name: arm[name] for name in ("seed", "model")}
     with progress_bar(samples * len(poses), "sampling") as progress:
-        for number, pose in enumerate(poses):
-            at = error_model.at(pose.where)
-            here = (*at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at))
-            findings.append(here)
-            grounds = grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, seed))
-            errors = sample_errors(at, samples, seed=seed, model=model, pose=number, progress=progress)
-            shown.append(ViewPose(at, errors, pose.name or None, number, error_model.draw_words, grounds))
+        asked = [(pose.where, pose.name) for pose in poses]
+        views, findings = sample_views(error_model, asked, samples=samples, progress=progress, **settings)
     echo_findings(_gathered(findings))
-    shares = origin_shares(error_model.origins, shown[0].pose_model)
-    return shown, resting_on(error_model.assumed, len(error_model.sources), shares)
+    return views, remarks_on(error_model, views)
 
 
 def _gathered(findings: Sequence[tuple[Finding, ...]]) -> list[Finding]:

@@ -169,7 +169,7 @@ def _forecast(asked: Asked, model: ErrorModel, measurement: Measurement, at: lis
 def _fit(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
     from precision_pin.analyses.calibration.calibrate import calibrate, calibrated_sheet, result_name
     from precision_pin.base.files import write_files
-    from precision_pin.export.as_built import describe_frozen
+    from precision_pin.writers.as_built import describe_frozen
 
     options, path = asked.options, asked.options["sheet_path"]
     given = None if asked.sheet.contents is None else asked.sheet.contents.overrides

@@ -39,12 +39,12 @@ from precision_pin.base.errors import Finding, InputError, SheetError
 from precision_pin.base.files import UnreadableFileError, read_text_file, write_files
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Estimates, Space, held_at_mean
-from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.examples import ELSEWHERE
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.sheet.text import read_text
 from precision_pin.statistics import clopper_pearson
+from precision_pin.writers.as_built import AsBuilt
 
 _ROUNDS: Final = 8
 _STD_SETTLED: Final = 0.01

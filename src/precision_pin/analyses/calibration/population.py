@@ -30,7 +30,6 @@ from precision_pin.base.errors import Finding, InputError, UnitError, some, visi
 from precision_pin.base.files import write_files
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
-from precision_pin.export.as_built import AsBuilt
 from precision_pin.model.error_model import ErrorModel, displaced_arm
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
@@ -38,6 +37,7 @@ from precision_pin.sheet.measurement import Measurement
 from precision_pin.sheet.reader import check_calibrated_robot, read_calibration
 from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.terms.term import JointValue, Target
+from precision_pin.writers.as_built import AsBuilt
 
 _FEW: Final = 10
 """Robots below which a warning says that intervals are wide."""

@@ -9,6 +9,8 @@ from precision_pin.pages.view.page import page as page
 from precision_pin.pages.view.page import script_hashes as script_hashes
 from precision_pin.pages.view.poses import ViewPose as ViewPose
 from precision_pin.pages.view.poses import limits_kept as limits_kept
+from precision_pin.pages.view.poses import remarks_on as remarks_on
+from precision_pin.pages.view.poses import sample_views as sample_views
 from precision_pin.pages.view.scales import DEFAULT_POINTS as DEFAULT_POINTS
 from precision_pin.pages.view.scales import MOST_POINTS as MOST_POINTS
 from precision_pin.pages.view.scales import MOST_POSES as MOST_POSES

@@ -17,7 +17,7 @@ import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import astuple, dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,13 +25,18 @@ from numpy.typing import ArrayLike
 from precision_pin.analyses.shares import by_key, moved_link
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
-from precision_pin.model.pose_model import Part, PoseModel
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import Part, PoseModel, origin_shares
+from precision_pin.model.verdict_grounds import by_both_models, exact_findings_at, grounds_at
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, Answer, answers, quantile
 from precision_pin.pages.view.scales import arm_length
 from precision_pin.render.html import escaped
+from precision_pin.render.tables import resting_on
+from precision_pin.sampling import Progress
+from precision_pin.sampling.clouds import sample_errors
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, quantile_ranks
 
 MOST_TOLERANCES: Final = 12
@@ -152,6 +157,32 @@ class ViewPose:
     pose: int = 0
     words: tuple[str, ...] = ()
     grounds: Grounds = NO_GROUNDS
+
+
+def sample_views(
+    error_model: ErrorModel,
+    poses: Sequence[tuple[Any, str]],
+    *,
+    samples: int,
+    seed: int,
+    model: Literal["exact", "linear"],
+    progress: Progress = lambda _: None,
+) -> tuple[list[ViewPose], list[tuple[Finding, ...]]]:
+    """Return the errors of the same robots at every pose, given with its name, and the findings at each."""
+    views, findings = [], []
+    for number, (pose, name) in enumerate(poses):
+        at = error_model.at(pose)
+        findings.append((*at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at)))
+        grounds = grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, seed))
+        errors = sample_errors(at, samples, seed=seed, model=model, pose=number, progress=progress)
+        views.append(ViewPose(at, errors, name or None, number, error_model.draw_words, grounds))
+    return views, findings
+
+
+def remarks_on(error_model: ErrorModel, views: Sequence[ViewPose]) -> list[str]:
+    """Return lines that say how much of the answer rests on assumptions."""
+    shares = origin_shares(error_model.origins, views[0].pose_model)
+    return resting_on(error_model.assumed, len(error_model.sources), shares)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,10 @@ joint of the chain moves the tip itself (or such a base), there is no origin to 
 from __future__ import annotations
 
 import hashlib
+import os
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -28,11 +29,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
+from precision_pin.base.arguments import check_instance, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, UrdfError
+from precision_pin.base.files import csv_text, whole_folder, write_text
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.expressions import component_names
+from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
@@ -327,3 +331,69 @@ def describe_frozen(frozen: Sequence[str], where: str) -> list[str]:
         f"true at {where} only: the errors of {listed}, which {'changes' if len(frozen) == 1 else 'change'} with load, pose "
         "or visit; readings with them at every pose: simulate"
     ]
+
+
+HEAD: Final = ("unit", "file", "x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad", "sha256")
+"""Columns of the table beside the robots."""
+MOST_UNITS: Final = 100_000
+"""Largest number of robots in a folder."""
+
+
+def write_units(
+    writer: AsBuilt, folder: Path, *, first: int, units: int, seed: int, progress: Callable[[int], object]
+) -> list[str]:
+    """Write robots and ``units.csv`` into a folder, all of them or none; return the names of the robots' files."""
+    stem = Path(writer.at.posture.chain.robot.file).stem
+    digits = max(4, len(str(first + units - 1)))
+    names, rows = [], []
+    with whole_folder(folder) as stage:
+        for built in writer.units(seed, first, units):
+            names.append(f"{stem}.unit{built.unit:0{digits}d}.urdf")
+            (stage / names[-1]).write_bytes(built.text)
+            rows.append((built.unit, names[-1], *map(repr, built.error.tolist()), built.digest))
+            progress(1)
+        write_text(stage / "units.csv", csv_text(HEAD, rows))
+    return names
+
+
+def export(
+    error_model: ErrorModel,
+    /,
+    folder: str | os.PathLike[str],
+    pose: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
+    *,
+    units: int = 1,
+    first: int = 0,
+    seed: int = 0,
+) -> list[Path]:
+    """Write robots as they may be built, each sampled, as URDF files, and ``units.csv`` with the error of each.
+
+    A file holds the errors of the built robot at every pose, and all errors (loads, draws for a pose or a visit) at
+    the export pose.
+
+    Args:
+        error_model: The arm and its errors.
+        folder: Where to write; it is made if it is not there.
+        pose: The export pose, by default the model's first.
+        units, first, seed: Number of robots, number of the first, and the 64-bit seed: those of
+            :func:`precision_pin.monte_carlo`.
+
+    Returns:
+        The files of the robots.
+
+    Raises:
+        InputError: A wrong pose or number, or a robot whose file has changed since the model was made.
+
+    Examples:
+        >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+        >>> print([path.name for path in pp.export(model, "built", units=2)])
+        ['4dof.unit0000.urdf', '4dof.unit0001.urdf']
+    """
+    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load returns it")
+    check_whole("units", units, 1, MOST_UNITS)
+    check_whole("first", first, 0, 2**64 - units)
+    check_seed(seed)
+    sheet = "" if error_model.sheet is None else Path(error_model.sheet.file).name
+    writer, target = AsBuilt.prepare(error_model, pose, sheet=sheet), Path(folder)
+    names = write_units(writer, target, first=first, units=units, seed=seed, progress=lambda _: None)
+    return [target / name for name in names]

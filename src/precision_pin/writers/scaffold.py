@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import os
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -15,9 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
+from precision_pin.robot import urdf
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.collision import CollisionCheck, Obstacles
+from precision_pin.robot.examples import resolve_robot, shipped_sheet
 from precision_pin.robot.inverse_kinematics import spread_points
 from precision_pin.robot.urdf import Joint, gripper_joint
 from precision_pin.sheet import catalogue
@@ -193,6 +197,32 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
         _kinds(),
     )
     return "\n\n".join("\n".join(section) for section in sections) + "\n"
+
+
+def init(robot: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> str:
+    """Return a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
+
+    Args:
+        robot: The URDF, or ``example:NAME``, for which the sheet that comes with this package is returned if there is
+            one.
+        tip, base: Ends of the chain; by default the only leaf, and the root.
+
+    Raises:
+        InputError: A robot that cannot be read, or several leaves and no tip.
+
+    Examples:
+        >>> text = pp.init("4dof.urdf", tip="tool")
+        >>> print(text.splitlines()[0][:36])
+        # Error sheet of the robot paper_4do
+    """
+    name = os.fspath(robot)
+    shipped = shipped_sheet(name)
+    if shipped is not None and tip is None and base is None:
+        return shipped.read_text(encoding="utf-8")
+    read = urdf.read(resolve_robot(name))
+    if tip is None and len(read.leaves) > 1:
+        raise InputError(f"{urdf.ask_for_tip(read)}: tip={urdf.likeliest_tip(read)!r}")
+    return scaffold(Chain.from_robot(read, tip, base), name)
 
 
 def quoted(text: str) -> str:
