@@ -225,6 +225,7 @@ def calls():
     """Return every public call."""
     return (
         *_sampling_calls(),
+        *_page_calls(),
         *_pose_calls(),
         *_analysis_calls(),
         *_calibration_calls(),
@@ -263,6 +264,22 @@ def _sampling_calls():
                fine={"samples": OPTIONAL, "verify": "zero"})  # fmt: skip
     yield call(pp.path_law, error_model=small, poses=TWO_POSES, samples=100, fine={"probability": POSITIVE})
     yield call(pp.compare, models=[small, small], poses=POSE, samples=64, fine={"poses": SEVERAL})
+
+
+def _page_calls():
+    small, read_model = small_model(), pp.ErrorModel.load(PAPER_SHEET)
+    several = {"poses": SEVERAL}
+    yield call(pp.view, error_model=small, poses=POSE, samples=20, fine=several)
+    yield call(
+        pp.report, error_model=read_model, poses=POSE, samples=64, is_full=False, fine=several | {"is_full": "true"}
+    )
+    yield call(pp.simulate, {"poses": "pose|joint"}, model=small, poses=TWO_POSES, measurement=pp.Measurement(std=1e-5), unit=3,
+               cycles=2, fine={"unit": "zero"})  # fmt: skip
+    yield call(lambda error_model, pose, **numbers: pp.export(error_model, "built", pose, **numbers), {}, "export",
+               error_model=read_model, pose=POSE, units=1, first=0, seed=0,
+               fine={"pose": OPTIONAL, "first": "zero", "seed": "zero"})  # fmt: skip
+    yield call(pp.init, {"robot": "robot|file"}, robot=read_model.chain.robot.file, tip="tool", base=None,
+               fine={"tip": OPTIONAL, "base": OPTIONAL})  # fmt: skip
 
 
 def _pose_calls():

@@ -164,7 +164,7 @@ def test_text_is_the_same_as_the_number_and_another_unit_is_refused(name):
     assert "a plain number is in" in finding.message
     # what a message calls an argument where it is not by its name
     said = dict.fromkeys(("values", "configuration", "configurations of many"), "joint1:")
-    said |= {"along_u": "of u:", "along_v": "of v:"}
+    said |= {"pose": "joint1:", "along_u": "of u:", "along_v": "of v:"}
     said |= {"cdf": "value:", "cumulative": "values:", "probability_inside": "limit:"}
     last = name.rpartition(".")[2]
     assert said.get(last, last) in finding.message

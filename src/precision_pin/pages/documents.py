@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from precision_pin.analyses.collect import collect_poses
 from precision_pin.analyses.provenance import Pose, Poses, listed_poses
-from precision_pin.base.arguments import check_instance, check_whole
+from precision_pin.base.arguments import check_choice, check_flag, check_instance, check_path, check_whole
 from precision_pin.base.errors import InputError
 from precision_pin.base.files import write_text
 from precision_pin.draws.space import check_seed
@@ -33,15 +33,20 @@ class Page:
 
     Attributes:
         text: The HTML.
+
+    Examples:
+        >>> page = pp.Page("<!DOCTYPE html><title>empty</title>")
+        >>> page.save("empty.html")
     """
 
     text: str = field(repr=False)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page; its name ends in ``.html``."""
-        if Path(path).suffix.lower() not in (".html", ".htm"):
-            raise InputError(f"{os.fspath(path)} is no name of an HTML page; it ends in .html")
-        write_text(Path(path), self.text)
+        name = os.fspath(check_path("the path of the page", path))
+        if Path(name).suffix.lower() not in (".html", ".htm"):
+            raise InputError(f"{name} is no name of an HTML page; it ends in .html")
+        write_text(Path(name), self.text)
 
     def _repr_html_(self) -> str:
         frame = f'srcdoc="{escaped(self.text)}" sandbox="allow-scripts" width="100%" height="{_HEIGHT}"'
@@ -79,6 +84,7 @@ def view(
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load returns it")
     check_whole("the number of samples", samples, 1, pages_of_view.MOST_POINTS)
     check_seed(seed)
+    check_choice("model", model, ("exact", "linear"))
     asked = [(pose, error_model.pose_name(pose)) for pose in listed_poses(poses)]
     shown, _ = pages_of_view.sample_views(error_model, asked, samples=samples, seed=seed, model=model)
     chain = error_model.chain
@@ -128,6 +134,8 @@ def report(
         raise InputError("a report names the sheet, and this model was made without one; ErrorModel.load reads one")
     check_samples(samples)
     check_seed(seed)
+    check_choice("model", model, ("exact", "linear"))
+    check_flag("is_full", is_full)
     listed = listed_specifications(specifications)
     names: list[Pose] = listed_poses(poses)
     results = collect_poses(

@@ -70,8 +70,10 @@ def resolved(
     confidence: float,
 ) -> float | Array:
     """Return one quantile or several of a function that returns None where the samples do not resolve one; raise there."""
-    values = []
-    for level in np.atleast_1d(np.asarray(p, dtype=object)).tolist():
+    values, levels = [], np.atleast_1d(np.asarray(p, dtype=object)).tolist()
+    if not levels:
+        raise InputError("no probability of a quantile is given")
+    for level in levels:
         value = quantile(level)
         if value is None:
             # P(all samples lie on one side of the quantile) is to be at most half of what the interval may miss

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_instance, check_whole
+from precision_pin.base.arguments import check_instance, check_path, check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError, UrdfError
 from precision_pin.base.files import csv_text, whole_folder, write_text
@@ -394,6 +394,9 @@ def export(
     check_whole("first", first, 0, 2**64 - units)
     check_seed(seed)
     sheet = "" if error_model.sheet is None else Path(error_model.sheet.file).name
-    writer, target = AsBuilt.prepare(error_model, pose, sheet=sheet), Path(folder)
+    if not check_path("the folder", folder):
+        raise InputError("the folder has no name")
+    target = Path(folder)
+    writer = AsBuilt.prepare(error_model, pose, sheet=sheet)
     names = write_units(writer, target, first=first, units=units, seed=seed, progress=lambda _: None)
     return [target / name for name in names]

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from precision_pin.base.arguments import check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
@@ -215,7 +216,7 @@ def init(robot: str | os.PathLike[str], *, tip: str | None = None, base: str | N
         >>> print(text.splitlines()[0][:36])
         # Error sheet of the robot paper_4do
     """
-    name = os.fspath(robot)
+    name = os.fspath(check_path("the robot", robot))
     shipped = shipped_sheet(name)
     if shipped is not None and tip is None and base is None:
         return shipped.read_text(encoding="utf-8")
