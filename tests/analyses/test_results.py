@@ -2,6 +2,8 @@
 
 import inspect
 import json
+from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,9 @@ from precision_pin.analyses.budget.budget_result import BudgetResult
 from precision_pin.analyses.exact_law import exact_law as exact_law_module
 from precision_pin.analyses.result import Result
 from precision_pin.base.errors import Finding
+from precision_pin.render import figure_style
+from precision_pin.render.columns import Column, frame_row, notebook_table, report_table, text_lines
+from precision_pin.render.html import joined
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.examples import PAPER_SHEET
 from support.refusals import check_refused
@@ -162,3 +167,51 @@ def test_samples_of_the_exact_law_do_not_depend_on_how_many_are_drawn_at_once(mo
     np.testing.assert_array_equal(whole, MODEL.space.sample(3, 0, 5000) - MODEL.space.mean[:, None])
     monkeypatch.setattr(exact_law_module, "_AT_ONCE", 777)
     np.testing.assert_array_equal(exact_law_module._deviations(MODEL.space, 3, 5000, lambda _: None), whole)
+
+
+@pytest.mark.parametrize("name", ["moments", "worst-case"])
+def test_a_column_is_one_line(results, name, monkeypatch):
+    """One more column stands in terminal, notebook, report and data frame, with its value of every row."""
+    result = results[name]
+    column = Column(
+        lambda row: 1000.0 + len(row.quantity), "{:.2f}".format, "of text", "of notebook", "of report", "of_frame"
+    )
+    monkeypatch.setattr(type(result), "COLUMNS", (*type(result).COLUMNS, column))
+    figure = import_module(f"precision_pin.analyses.{name.replace('-', '_')}.figure")
+    for drawn in {"figure", "inline_figure"} & vars(figure).keys():
+        monkeypatch.setattr(figure, drawn, lambda *_: "")
+    monkeypatch.setattr(figure_style, "inline_figure", lambda *_: "")
+    report = joined(figure.content(result, SimpleNamespace(prefix="", causes=()))).text
+    components = [f"{1000 + len(f'{vector}.{axis}'):.2f}" for vector in ("position", "attitude") for axis in "xyz"]
+    for text, heading in (
+        (result.declaration.table(result), "of text"),
+        (result._repr_html_(), "of notebook"),
+        (report, "of report"),
+    ):
+        assert text.count(heading) >= 1
+        for cell in components:
+            assert text.count(cell) >= components.count(cell), heading
+    frame = result.to_pandas()["of_frame"]
+    assert frame.to_dict() == {(pose, quantity): 1000.0 + len(quantity) for pose, quantity in frame.index}
+
+
+def test_what_a_column_lacks_is_written_as_missing_in_each_output():
+    row = SimpleNamespace(name="one", part=None, pair=(1.5, None))
+    columns = [
+        Column("name", str.upper, text="", notebook="", report=""),
+        Column("part.size", "{:.1f}".format, "size", "size", "size", "size", is_words=True),
+        Column("pair", lambda pair: f"{pair[0]}", notebook="pair", frame="pair", has_interval=True),
+    ]
+    assert text_lines(columns, [row]) == ["     size", "ONE  -"]
+    table = notebook_table(columns, [row], "above")
+    assert (table.columns, table.rows, table.heading, table.words) == (
+        ["", "size", "pair"],
+        [["ONE", "-", "1.5"]],
+        "above",
+        2,
+    )
+    assert '<td data-label="size">–</td>' in report_table("Caption", columns, [row]).text
+    found = frame_row(columns, row)
+    assert list(found) == ["size", "pair", "pair_lower", "pair_upper"]
+    assert np.isnan([found["size"], found["pair_lower"], found["pair_upper"]]).all()
+    assert found["pair"] == 1.5

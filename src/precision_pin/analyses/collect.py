@@ -23,7 +23,7 @@ from precision_pin.kernel import sampler
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render import tables
-from precision_pin.render.tables import ROUNDING
+from precision_pin.render.tables import MISSING, ROUNDING, shown
 from precision_pin.robot import mcpc
 from precision_pin.robot.mcpc import Mcpc
 from precision_pin.sampling import Progress, monte_carlo
@@ -229,9 +229,6 @@ def _digest(file: str) -> tuple[str, str]:
     return os.path.basename(file), hashlib.sha256(content).hexdigest()
 
 
-MISSING: Final = "–"
-
-
 def outward(low: float, high: float, per_si: float = 1e3) -> tuple[str, str]:
     """Return the ends of an interval as text, rounded outwards; an interval within rounding is 0."""
     if max(abs(low), abs(high)) < ROUNDING:
@@ -258,11 +255,6 @@ def statistic(distribution: Distribution, which: str | float) -> str:
 def percent(share: float | None) -> str:
     """Return a share in per cent."""
     return shown(tables.percent(share))
-
-
-def shown(cell: str) -> str:
-    """Return a cell of a terminal table as the report writes it."""
-    return MISSING if cell == "-" else cell
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
@@ -12,6 +12,7 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Keys, Record
 from precision_pin.base.errors import Finding, UnknownNameError, shown, visible
+from precision_pin.render.columns import Column, frame_row, notebook_table
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import MOST_POSES, UNITS, data_frame, dataset, joint_text, pose_labels
@@ -131,18 +132,26 @@ class AnalysisResult(Outcome):
 class Result(AnalysisResult):
     """Result of an analysis at one or several poses, with all settings that reproduce it.
 
-    A subclass adds its own settings, :meth:`to_pandas` and the three parts of the notebook view.
+    A subclass adds its own settings, :meth:`to_pandas`, and title and notes of the notebook view. Its table there and the
+    data frame follow from the columns and :meth:`rows`, unless it has others.
 
     Attributes:
+        COLUMNS: Columns of the table of a pose, for all outputs.
         samples, confidence: Number of samples at each pose; confidence of each single interval.
         poses: One entry for each pose.
     """
 
     KEYS: ClassVar[Keys] = ("*head", "samples", "confidence", "assumptions", "warnings", "findings", "poses")
 
+    COLUMNS: ClassVar[tuple[Column, ...]] = ()
+
     samples: int
     confidence: float
     poses: Sequence[PoseResult]
+
+    def rows(self, pose: Any) -> Iterable[Any]:
+        """Return the rows of the table of an entry of ``poses``, each with its ``quantity``."""
+        raise NotImplementedError
 
     def plot(
         self, pose: int = 0, *, quantity: Literal["position", "attitude"] = "position", axes: Axes | None = None
@@ -179,14 +188,20 @@ class Result(AnalysisResult):
         joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
         return self.settings() | {"poses": joints}
 
-    def _frame(self, level: str, rows: Callable[[Any], Iterable[tuple[Any, Mapping[str, Any]]]]) -> pandas.DataFrame:
-        """Return a data frame indexed by pose and ``level``; ``rows`` gives label and columns of each row of a pose."""
+    def _frame(
+        self,
+        levels: Sequence[str] = ("quantity",),
+        columns: Sequence[Column] | None = None,
+        rows: Callable[[Any], Iterable[tuple[tuple[str, ...], Any]]] | None = None,
+    ) -> pandas.DataFrame:
+        """Return a data frame indexed by pose and ``levels``; ``rows`` gives the labels and row of each row of a pose."""
+        rows = rows or (lambda pose: (((row.quantity,), row) for row in self.rows(pose)))
         made = [
-            ((label, name), columns)
+            ((label, *labels), frame_row(columns or self.COLUMNS, row))
             for label, pose in zip(self.labels, self.poses, strict=True)
-            for name, columns in rows(pose)
+            for labels, row in rows(pose)
         ]
-        return data_frame(["pose", level], made, self.attributes())
+        return data_frame(["pose", *levels], made, self.attributes())
 
     def _title(self) -> str:
         """Return the heading of the notebook view, without the robot."""
@@ -194,7 +209,7 @@ class Result(AnalysisResult):
 
     def _table(self, pose: Any) -> Table:
         """Return the table of the notebook view for an entry of ``poses``."""
-        raise NotImplementedError
+        return notebook_table(self.COLUMNS, self.rows(pose), name_pose(pose.pose))
 
     def _notes(self) -> list[str]:
         """Return the lines below the tables, without the warnings."""

@@ -23,6 +23,9 @@ UNITS: Final = {"position": "m", "attitude": "rad"}
 ROUNDING: Final = 1e-14
 """Errors (m, rad) below this are rounding."""
 
+MISSING: Final = "–"
+"""What the report writes for a missing number; the terminal has ``-``."""
+
 _DIGITS: Final = 6
 
 
@@ -63,6 +66,11 @@ def percent(share: float | None) -> str:
     return "-" if share is None else f"{round(100 * share, 2) + 0.0:.2f}"
 
 
+def shown(cell: Any) -> Any:
+    """Return a cell of a terminal table as the report writes it."""
+    return MISSING if cell == "-" else cell
+
+
 def plus_minus(value: float | None, half_width: float | None, *, decimals: int = 12, signed: bool = False) -> str:
     """Return ``value ± half-width`` with two digits of the half-width; ``-`` where not resolved.
 
@@ -81,9 +89,9 @@ def plus_minus(value: float | None, half_width: float | None, *, decimals: int =
     return f"{rounded + 0.0:{'+' if signed else ''}.{digits}f} ± {above:.{digits}f}"
 
 
-def plain(value: float) -> str:
+def plain(value: float, decimals: int = 9) -> str:
     """Return a number in full except for rounding noise."""
-    return f"{round(value, 9) + 0.0:.9g}"
+    return f"{round(value, decimals) + 0.0:.9g}"
 
 
 def joint_value(joint: str, value: float, *, slides: bool) -> str:

@@ -26,8 +26,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,9 +37,9 @@ from precision_pin.base import se3
 from precision_pin.base.arguments import check_choice, check_instance, check_number, check_numbers, check_whole, shown
 from precision_pin.base.arrays import Array, read_only
 from precision_pin.base.errors import InputError
-from precision_pin.render.html import Table, rendered
+from precision_pin.render.columns import Column, notebook_table, text_lines
+from precision_pin.render.html import rendered
 from precision_pin.render.tables import plain
-from precision_pin.render.text_table import aligned
 
 X_AXIS = (1.0, 0.0, 0.0)
 Y_AXIS = (0.0, 1.0, 0.0)
@@ -78,6 +79,33 @@ class McpcRow:
     x: float
     y: float
     z: float | None
+
+    @property
+    def place(self) -> str:
+        """The joint in words."""
+        return "base" if self.joint is None else f"{self.joint} (slides)" if self.prismatic else self.joint
+
+
+_SYMBOLS: Final = {"turn": "offset", "alpha": "α", "beta": "β", "gamma": "γ", "x": "x", "y": "y", "z": "z"}
+
+
+def _parameter_columns(name: str) -> tuple[Column, Column]:
+    """Return the columns of an angle or a length; the notebook has fewer decimals."""
+    scale, unit = (1e3, "mm") if name in "xyz" else (math.degrees(1), "°")
+    heading = f"{_SYMBOLS[name]} [{unit}]"
+
+    def written(decimals: int) -> Callable[[McpcRow], str]:
+        return lambda row: "" if (value := getattr(row, name)) is None else plain(scale * value, decimals)
+
+    return Column(written(9), text=f"{_SYMBOLS[name]} {unit}", report=heading), Column(written(6), notebook=heading)
+
+
+COLUMNS: Final = (
+    Column("link", text="i", notebook="i", report="i"),
+    Column("place", text="joint", notebook="joint", report="joint", is_words=True),
+    *(column for name in _SYMBOLS for column in _parameter_columns(name)),
+)
+"""Columns of the table of parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,15 +310,7 @@ class Mcpc:
 
     def _repr_html_(self) -> str:
         """Return the notebook view: the table in the form of the paper's Table 1, in degrees and mm."""
-        rows = []
-        for row in self.table:
-            joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
-            numbers = [(angle, math.degrees(1)) for angle in (row.turn, row.alpha, row.beta, row.gamma)]
-            numbers += [(length, 1e3) for length in (row.x, row.y, row.z)]
-            shown_numbers = ("" if one is None else f"{round(unit * one, 6) + 0.0:.9g}" for one, unit in numbers)
-            rows.append([str(row.link), joint, *shown_numbers])
-        columns = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
-        return rendered(f"MCPC parameters of {self.joint_count} joints", [Table(columns, rows, words=2)])
+        return rendered(f"MCPC parameters of {self.joint_count} joints", [notebook_table(COLUMNS, self.table)])
 
     def _joint_values(self, q: ArrayLike) -> Array:
         return finite_array("mcpc joint values q", q, (self.joint_count,))
@@ -607,11 +627,4 @@ def _reduce_to_half_turn(angle: float) -> float:
 
 def mcpc_table(mcpc: Mcpc) -> str:
     """Return the MCPC parameters in the layout of the paper's Table 1, in degrees and mm."""
-    rows = [["i", "joint", "offset °", "α °", "β °", "γ °", "x mm", "y mm", "z mm"]]
-    for row in mcpc.table:
-        gamma = "" if row.gamma is None else plain(math.degrees(row.gamma))
-        z = "" if row.z is None else plain(1e3 * row.z)
-        turns = [plain(math.degrees(value)) for value in (row.turn, row.alpha, row.beta)]
-        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
-        rows.append([str(row.link), joint, *turns, gamma, plain(1e3 * row.x), plain(1e3 * row.y), z])
-    return "\n".join(aligned(rows))
+    return "\n".join(text_lines(COLUMNS, mcpc.table))

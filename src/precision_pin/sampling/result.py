@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -16,7 +17,8 @@ from precision_pin.base.versions import versions
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import OriginShares
 from precision_pin.render import tables
-from precision_pin.render.html import Table, rendered
+from precision_pin.render.columns import QUANTITY, Column, frame_row, notebook_table
+from precision_pin.render.html import element, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.configurations import approach_entry
 from precision_pin.statistics import (
@@ -259,7 +261,7 @@ class MonteCarloResult(Record, JsonResult):
             InputError: pandas is not installed.
         """
         levels = sorted({level for name in QUANTITIES for level in self.summary.distribution(name).levels})
-        rows = [((name,), _columns(self.summary.distribution(name), levels)) for name in QUANTITIES]
+        rows = [((name,), frame_row(_columns(levels), self.summary.distribution(name))) for name in QUANTITIES]
         return tables.data_frame(["quantity"], rows, {**self._attributes(), "warnings": list(self.warnings)})
 
     def samples_to_pandas(self) -> pandas.DataFrame:
@@ -339,27 +341,11 @@ class MonteCarloResult(Record, JsonResult):
     def _repr_html_(self) -> str:
         """Return the notebook view: mm and mrad, half-widths of intervals after ±."""
         pose = repr(self.pose_name) if self.pose_name else "without a name"
-        statistics = Table(
-            ("", "unit", "mean", "std", "50 %", "95 %", "99.73 %", "smallest seen", "largest seen"),
-            [_cells(self.summary.distribution(name)) for name in QUANTITIES],
-            words=2,
-        )
-        specifications = Table(
-            ("specification", "limit", "required", "inside", "interval", ""),
-            [
-                (
-                    tables.absolute(spec.quantity),
-                    f"{tables.milli(spec.limit)} {tables.unit(spec.quantity)}",
-                    f"{100 * spec.required:.10g} %",
-                    *_share_cells(spec),
-                    spec.verdict if spec.met else spec.verdict.upper(),
-                )
-                for spec in self.summary.specifications
-            ],
-        )
+        given = self.summary.specifications
+        specifications = [notebook_table(specification_columns(), given)] if given else []
         return rendered(
             f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}{self._other_pose}",
-            [statistics, *([specifications] if specifications.rows else [])],
+            [notebook_table(_columns(), map(self.summary.distribution, QUANTITIES)), *specifications],
             [
                 f"{tables.joint_text(self.q, self.sliding_joints, self.approach)}; base axes",
                 f"{self.samples:,} samples, seed {self.seed}, {self.model} model, statics {self.statics}; "
@@ -380,46 +366,58 @@ class MonteCarloResult(Record, JsonResult):
         return self.encoded(key for key in self.KEYS if key.strip("*_").partition("=")[0] in _ATTRIBUTES)
 
 
-def _columns(distribution: Distribution, levels: Sequence[float]) -> dict[str, float]:
-    row: dict[str, float] = {}
-    for name in ("mean", "std"):
-        row |= tables.interval_columns(name, *distribution.value_and_interval(name))
-    row |= {"min": distribution.min, "max": distribution.max}
-    row |= tables.interval_columns("mode", *distribution.value_and_interval("mode"))
-    for level in levels:
-        # as in the JSON, low quantiles of a norm are not reported
-        found = distribution.value_and_interval(level) if level in distribution.levels else (None, None)
-        row |= tables.interval_columns(f"quantile_{level}", *found)
-    return row
-
-
-def _cells(distribution: Distribution) -> list[str]:
-    vanishes = max(abs(distribution.min), abs(distribution.max)) < tables.ROUNDING
-    cells = []
-    for statistic in ("mean", "std", 0.5, 0.95, 0.9973):
-        value = (
-            distribution.resolved_quantile(statistic)
-            if isinstance(statistic, float)
-            else getattr(distribution, statistic)
-        )
-        half_width = distribution.half_width(statistic)
-        if value is None or half_width is None:
-            cells.append("-")
-        else:
-            cells.append("0" if vanishes else tables.plus_minus(1e3 * value, 1e3 * half_width))
-    name = distribution.quantity
+def _columns(levels: Iterable[float] = ()) -> list[Column]:
+    """Return the columns of a distribution; in data frames also the quantiles of these levels."""
+    marked: dict[str | float, str] = {"mean": "mean", "std": "std", 0.5: "50 %", 0.95: "95 %", 0.9973: "99.73 %"}
     return [
-        tables.symbol(name),
-        tables.unit(name),
-        *cells,
-        tables.milli(distribution.min),
-        tables.milli(distribution.max),
+        *QUANTITY,
+        *(Column(partial(_with_half_width, which), notebook=heading) for which, heading in marked.items()),
+        *(Column(partial(_with_interval, name), frame=name, has_interval=True) for name in ("mean", "std")),
+        Column("min", tables.milli, notebook="smallest seen", frame="min"),
+        Column("max", tables.milli, notebook="largest seen", frame="max"),
+        Column(partial(_with_interval, "mode"), frame="mode", has_interval=True),
+        *(Column(partial(_with_interval, one), frame=f"quantile_{one}", has_interval=True) for one in levels),
     ]
 
 
-def _share_cells(result: SpecificationResult) -> tuple[str, str]:
-    share, low, high = format_share(result.probability, result.interval, result.required)
-    return f"{share} %", f"{low} to {high} %"
+def _with_interval(which: str | float, of: Distribution) -> tuple[float | None, tuple[float, float] | None]:
+    # as in the JSON, low quantiles of a norm are not reported
+    return of.value_and_interval(which) if isinstance(which, str) or which in of.levels else (None, None)
+
+
+def _with_half_width(which: str | float, of: Distribution) -> str | None:
+    (value, _), half_width = of.value_and_interval(which), of.half_width(which)
+    if value is None or half_width is None:
+        return None
+    return "0" if max(abs(of.min), abs(of.max)) < tables.ROUNDING else tables.plus_minus(1e3 * value, 1e3 * half_width)
+
+
+def specification_columns(confidence: float = 0.95) -> list[Column]:
+    """Return the columns of the table of specifications."""
+
+    def inside(form: str) -> Callable[[SpecificationResult], str]:
+        return lambda one: form.format(*format_share(one.probability, one.interval, one.required))
+
+    return [
+        Column(lambda one: tables.absolute(one.quantity), notebook="specification"),
+        Column(lambda one: f"{tables.milli(one.limit)} {tables.unit(one.quantity)}", notebook="limit"),
+        Column(limit_text, report="limit"),
+        Column("required", lambda share: f"{100 * share:.10g} %", notebook="required", report="required inside"),
+        Column(inside("{} %"), notebook="inside", report="inside"),
+        Column(inside("{1} to {2} %"), notebook="interval"),
+        Column(inside("[{1}, {2}] %"), report=f"interval at {100 * confidence:g} % confidence"),
+        Column(lambda one: one.verdict if one.met else one.verdict.upper(), notebook=""),
+        Column(
+            lambda one: (one.verdict, one.met),
+            lambda pair: element("strong", pair[0], class_="good" if pair[1] else "bad"),
+            report="verdict", is_words=True,
+        ),
+    ]  # fmt: skip
+
+
+def limit_text(one: SpecificationResult) -> str:
+    """Return quantity and limit as text."""
+    return f"{tables.absolute(one.quantity)} ≤ {1e3 * one.limit:.6g} {tables.unit(one.quantity)}"
 
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")

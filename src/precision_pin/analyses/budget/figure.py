@@ -14,13 +14,13 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from precision_pin.analyses.budget.budget_result import BudgetResult, PoseBudget, scaled
 from precision_pin.analyses.budget.causes import rank_causes
 from precision_pin.analyses.budget.table import source_name
-from precision_pin.analyses.collect import MISSING, Cause, CauseShare, Results, percent, shown
+from precision_pin.analyses.collect import Cause, CauseShare, Results, percent
 from precision_pin.analyses.shares import VECTORS, Shares
 from precision_pin.base.errors import shortened
 from precision_pin.render.draw_distribution import BLACK, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, inline_figure, new_figure, style
 from precision_pin.render.html import Child, Html, beside, element, items, joined, paragraph, table
-from precision_pin.render.tables import milli, quantity_label, unit
+from precision_pin.render.tables import MISSING, milli, quantity_label, shown, unit
 from precision_pin.statistics.intervals import Estimate
 
 _NAMED: Final = 5

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses import number_law
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
-from precision_pin.analyses.result import Result, answer_of, list_warnings, name_pose, subject
+from precision_pin.analyses.result import Result, answer_of, list_warnings, subject
 from precision_pin.base.arguments import check_memory, check_whole
 from precision_pin.base.arrays import Array, Keys, Record, encode
 from precision_pin.base.errors import Finding, InputError, add, one_line, warns_at_end
@@ -28,9 +28,8 @@ from precision_pin.kernel import sampler
 from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.render.html import Table
-from precision_pin.render.tables import MOST_POSES, ROUNDING, milli, number, symbol, unit
-from precision_pin.render.text_table import aligned
+from precision_pin.render.columns import QUANTITY, Column, text_lines
+from precision_pin.render.tables import MOST_POSES, ROUNDING, milli, symbol
 from precision_pin.sampling import Progress
 from precision_pin.statistics import QUANTITIES, quantity_values
 from precision_pin.statistics.intervals import bound_text
@@ -144,6 +143,59 @@ class ExactLaw:
         }
 
 
+def _quantile_columns(level: float) -> list[Column]:
+    """Return the columns of a quantile: to a millionth of the spread in the terminal, to six digits elsewhere."""
+    rank, is_shown = LEVELS.index(level), level in LEVELS_SHOWN
+    head, brief = f"{100 * level:g} %" if is_shown else None, f"{100 * level:.5g} %" if is_shown else None
+
+    def certain(law: ExactLaw) -> str | None:
+        known = law.shown_quantiles(12).get(level)
+        return known and _milli(known[0], law.std or 0.0, known[1])
+
+    return [
+        Column(certain, text=head),
+        Column(
+            lambda law: law.shown_quantiles(6).get(level),
+            lambda known: milli(*known),
+            notebook=head if level != LEVELS_SHOWN[-1] else None,
+            report=brief,
+        ),
+        Column(lambda law: law.law and law.quantiles[rank], frame=f"quantile_{level}"),
+        Column(lambda law: law.law and law.quantile_errors[rank], frame=f"quantile_{level}_error"),
+    ]
+
+
+def _milli(value: float, std: float, most: int = 12) -> str:
+    """Return the value in thousandths, to a millionth of the spread, to at least seven and at most ``most`` digits."""
+    if abs(value) <= ROUNDING:
+        return "0"
+    digits = 7 if std <= ROUNDING else min(12, max(7, math.ceil(math.log10(abs(value) / std) + 6)))
+    return f"{1e3 * value:.{min(digits, most)}g}"
+
+
+LAW_COLUMNS: Final = (
+    *QUANTITY,
+    Column(lambda law: _milli(law.mean, law.std), text="mean"),
+    Column(lambda law: _milli(law.std, law.std), text="std"),
+    Column("mean", milli, notebook="mean", report="mean", frame="mean"),
+    Column("std", milli, notebook="std", report="std", frame="std"),
+    Column("contributors", frame="contributors"),
+    Column(lambda law: law.law and law.error, frame="cumulative_error"),
+    *(column for level in LEVELS for column in _quantile_columns(level)),
+)
+"""Columns of the table of moments and quantiles."""
+METHOD_COLUMNS: Final = (
+    Column("quantity", symbol, text="", report=""),
+    Column("law.method", text="method", report="method", is_words=True),
+    Column(lambda law: law.law and law.contributors, str, "draws", "draws", "draws"),
+    Column(lambda law: law.law and law.error, bound_text, "error of F", "error of F", "error bound of F"),
+    Column("agreement.distance", "{:.5f}".format, "distance", report="Kolmogorov distance", frame="distance"),
+    Column("agreement.band", "{:.5f}".format, "band", report="band", frame="band"),
+    Column("agreement.said", str, "samples", "samples", "samples", is_words=True),
+)
+"""Columns of the table of accuracy and agreement with samples."""
+
+
 @dataclass(frozen=True, eq=False)
 class PoseLaws(Record):
     """Laws of the eight quantities at one pose.
@@ -169,6 +221,8 @@ class ExactLawResult(Result):
         "the norm is available where all draws that matter are normal",
     )
 
+    COLUMNS: ClassVar = (*LAW_COLUMNS, *METHOD_COLUMNS)
+
     poses: tuple[PoseLaws, ...]
 
     @property
@@ -183,7 +237,11 @@ class ExactLawResult(Result):
         The columns are ``mean``, ``std``, ``contributors``, ``cumulative_error``; ``quantile_0.95``, … with
         ``…_error``, its error bound; and ``distance`` and ``band`` of the samples. ``attrs`` gives the settings.
         """
-        return self._frame("quantity", lambda pose: ((name, _columns(law)) for name, law in pose.laws.items()))
+        return self._frame()
+
+    def rows(self, pose: PoseLaws) -> list[ExactLaw]:
+        """Return the laws of the eight quantities."""
+        return list(pose.laws.values())
 
     @property
     def summary(self) -> str:
@@ -199,11 +257,6 @@ class ExactLawResult(Result):
     def _title(self) -> str:
         return "Exact law of the first-order model"
 
-    def _table(self, pose: PoseLaws) -> Table:
-        levels = (f"{100 * level:g} %" for level in LEVELS_SHOWN[:-1])
-        columns = ("", "unit", "mean", "std", *levels, "draws", "error of F", "samples")
-        return Table(columns, [_cells(law) for law in pose.laws.values()], name_pose(pose.pose), words=2)
-
     def _notes(self) -> list[str]:
         of, shown = self.provenance, self.poses[:MOST_POSES]
         return [
@@ -211,25 +264,6 @@ class ExactLawResult(Result):
             f"error of F: bound of the error of every cumulative probability; compared with {self.samples:,} samples of "
             f"the same model, seed {of.seed}, at {100 * self.confidence:g} % confidence; statics {of.statics}",
         ]
-
-
-def _columns(law: ExactLaw) -> dict[str, float]:
-    known, found = law.law is not None, law.agreement
-    row = {"mean": number(law.mean), "std": number(law.std), "contributors": law.contributors}
-    row["cumulative_error"] = law.error if known else math.nan
-    for rank, level in enumerate(LEVELS):
-        row[f"quantile_{level}"] = law.quantiles[rank] if known else math.nan
-        row[f"quantile_{level}_error"] = law.quantile_errors[rank] if known else math.nan
-    return row | {"distance": number(found and found.distance), "band": number(found and found.band)}
-
-
-def _cells(law: ExactLaw) -> list[str]:
-    cells = [symbol(law.quantity), unit(law.quantity), milli(law.mean), milli(law.std)]
-    quantiles = {level: milli(*known) for level, known in law.shown_quantiles(6).items()}
-    cells += [quantiles.get(level, "-") for level in LEVELS_SHOWN[:-1]]
-    if law.law is None or law.agreement is None:
-        return [*cells, "-", "-", "-"]
-    return [*cells, str(law.contributors), bound_text(law.error), law.agreement.said]
 
 
 def missing(laws: Iterable[ExactLaw]) -> list[str]:
@@ -534,9 +568,6 @@ def agreement_of(
     return Agreement(count, distance, band, confidence, slack, edges, counts)
 
 
-_METHOD_HEADER: Final = ["", "method", "draws", "error of F", "distance", "band", "samples"]
-
-
 def table(result: ExactLawResult) -> str:
     """Return mean, spread and quantiles of every component in mm and mrad, their accuracy, and the comparison."""
     provenance = result.provenance
@@ -546,14 +577,14 @@ def table(result: ExactLawResult) -> str:
     ]
     blocks = [answer_of([entry.pose for entry in result.poses], sizes, [*map(_answer, result.poses)])]
     for entry in result.poses:
-        methods = method_rows(entry)
+        compared = [law for law in entry.laws.values() if law.agreement]
         lines = [
             subject(provenance, entry.pose),
             f"exact law of the first-order model, statics {provenance.statics}; errors in base axes",
             "",
-            *aligned(_quantile_rows(entry)),
+            *text_lines(LAW_COLUMNS, (law for law in entry.laws.values() if law.std is not None)),
             "",
-            *aligned([_METHOD_HEADER, *methods] if methods else []),
+            *(text_lines(METHOD_COLUMNS, compared) if compared else []),
             *map(one_line, (*missing(entry.laws.values()), *entry.warnings)),
         ]
         blocks.append("\n".join(lines))
@@ -573,37 +604,3 @@ def _answer(entry: PoseLaws) -> str:
             low, high = (f"{1e3 * quantiles[level][0]:.4g}" for level in (LEVELS_SHOWN[0], LEVELS_SHOWN[-1]))
             parts.append(f"{symbol(law.quantity)} {low} to {high}")
     return f"99.73 % of robots: {', '.join(parts)} mm" if parts else "no law is known"
-
-
-def _quantile_rows(entry: PoseLaws) -> list[list[str]]:
-    rows = [["", "", "mean", "std", *(f"{100 * level:g} %" for level in LEVELS_SHOWN)]]
-    for law in entry.laws.values():
-        if law.mean is None or law.std is None:
-            continue
-        quantiles = law.shown_quantiles(12)
-        cells = [
-            _milli(quantiles[level][0], law.std, quantiles[level][1]) if quantiles else "-" for level in LEVELS_SHOWN
-        ]
-        name = law.quantity
-        rows.append([symbol(name), unit(name), _milli(law.mean, law.std), _milli(law.std, law.std), *cells])
-    return rows
-
-
-def method_rows(entry: PoseLaws) -> list[list[str]]:
-    """Return for each known law: symbol, method, draws, error of F, distance to the samples, band, agreement."""
-    rows = []
-    for law in entry.laws.values():
-        if law.law is None or law.agreement is None:
-            continue
-        compared = [f"{law.agreement.distance:.5f}", f"{law.agreement.band:.5f}", law.agreement.said]
-        words = [symbol(law.quantity), law.law.method, str(law.contributors), bound_text(law.error)]
-        rows.append([*words, *compared])
-    return rows
-
-
-def _milli(value: float, std: float, most: int = 12) -> str:
-    """Return the value in thousandths, to a millionth of the spread, to at least seven and at most ``most`` digits."""
-    if abs(value) <= ROUNDING:
-        return "0"
-    digits = 7 if std <= ROUNDING else min(12, max(7, math.ceil(math.log10(abs(value) / std) + 6)))
-    return f"{1e3 * value:.{min(digits, most)}g}"

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.collect import MISSING, Results
+from precision_pin.analyses.collect import Results
 from precision_pin.analyses.exact_law.exact_law import (
+    LAW_COLUMNS,
     LEVELS,
-    LEVELS_SHOWN,
+    METHOD_COLUMNS,
     ExactLaw,
     ExactLawResult,
-    method_rows,
     missing,
 )
 from precision_pin.analyses.shares import VECTORS
 from precision_pin.base.errors import one_line
+from precision_pin.render.columns import report_table
 from precision_pin.render.draw_distribution import BLUE, SKY, VERMILION, ticks
 from precision_pin.render.figure_style import (
     DOUBLE_COLUMN,
@@ -31,7 +32,7 @@ from precision_pin.render.figure_style import (
     new_figure,
     style,
 )
-from precision_pin.render.html import Child, Html, items, paragraph, table
+from precision_pin.render.html import Child, items, paragraph
 from precision_pin.render.tables import milli, quantity_label, symbol, unit
 from precision_pin.statistics import Distribution
 
@@ -61,7 +62,11 @@ def content(result: ExactLawResult, results: Results) -> list[Child]:
         f"{result.samples:,} samples of the first-order model itself.",
         class_="note",
     )
-    parts: list[Child] = [explained, *pictures, _quantiles(laws.values()), _methods(result)]
+    caption = f"How exact the laws are, and samples of the first-order model: band at {100 * result.confidence:g} % confidence"
+    moments = [law for law in laws.values() if law.std is not None]
+    compared = [law for law in laws.values() if law.agreement]
+    numbers = report_table("Exact law of the first-order model: moments and quantiles", LAW_COLUMNS, moments)
+    parts: list[Child] = [explained, *pictures, numbers, report_table(caption, METHOD_COLUMNS, compared)]
     if absent:
         parts.append(items(absent, "note"))
     return parts
@@ -73,24 +78,6 @@ def _described(law: ExactLaw) -> str:
         f"{symbol(law.quantity)} mean {milli(law.mean or 0.0, 5)}, standard deviation {milli(law.std or 0.0, 5)}, "
         f"5 % {milli(quantiles[0.05], 5)}, 95 % {milli(quantiles[0.95], 5)} {unit(law.quantity)}"
     )
-
-
-def _quantiles(laws: Iterable[ExactLaw]) -> Html:
-    header = ["", "mean", "std", *(f"{100 * level:.5g} %" for level in LEVELS_SHOWN)]
-    rows = []
-    for law in laws:
-        if law.mean is None or law.std is None:
-            continue
-        quantiles = law.shown_quantiles(6)
-        cells = [milli(*quantiles[level]) if quantiles else MISSING for level in LEVELS_SHOWN]
-        rows.append([quantity_label(law.quantity), milli(law.mean), milli(law.std), *cells])
-    return table("Exact law of the first-order model: moments and quantiles", header, rows)
-
-
-def _methods(result: ExactLawResult) -> Html:
-    header = ["", "method", "draws", "error bound of F", "Kolmogorov distance", "band", "samples"]
-    caption = f"How exact the laws are, and samples of the first-order model: band at {100 * result.confidence:g} % confidence"
-    return table(caption, header, method_rows(result.poses[0]), words=(1, 6))
 
 
 # picture ------------------------------------------------------------------------------------

@@ -8,13 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from precision_pin.analyses.collect import Results, shown
-from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments, moment_rows
+from precision_pin.analyses.collect import Results
+from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
 from precision_pin.render import figure_style
+from precision_pin.render.columns import report_table
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, paragraph, table
-from precision_pin.render.tables import milli, quantity_label, symbol, unit
+from precision_pin.render.tables import milli, shown, symbol, unit
 from precision_pin.statistics import COMPONENTS, QUANTITIES
 
 
@@ -66,11 +67,7 @@ def _draw(axes: Axes, pose: PoseMoments, rows: range, which: str, label: str) ->
 def content(result: MomentsResult, results: Results) -> list[Child]:
     """Return mean, bias and standard deviation of every quantity, and the correlations of the components."""
     pose = result.poses[0]
-    header = ["", "mean", "bias", "standard deviation", "standard deviation, first order", "exact / first order"]
-    rows = [
-        [quantity_label(name), *map(shown, cells)]
-        for name, (_, _, *cells) in zip(QUANTITIES, moment_rows(pose), strict=True)
-    ]
+    moments = report_table("Moments of the exact model and of the first order", result.COLUMNS, result.rows(pose))
     chart = inline_figure(
         figure(result),
         f"{results.prefix}moments",
@@ -82,7 +79,7 @@ def content(result: MomentsResult, results: Results) -> list[Child]:
         "error at the means.",
         class_="note",
     )
-    return [note, chart, table("Moments of the exact model and of the first order", header, rows), _correlations(pose)]
+    return [note, chart, moments, _correlations(pose)]
 
 
 def _described(pose: PoseMoments) -> list[str]:

@@ -36,7 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 from precision_pin.analyses.moments.moments_control import STEP, Control, ErrorAround, Uncorrelated, thin
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
 from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, jackknife, law_breaks
-from precision_pin.analyses.result import Result, answer_of, list_warnings, name_pose, subject
+from precision_pin.analyses.result import Result, answer_of, list_warnings, subject
 from precision_pin.base.arguments import check_name, shown
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
@@ -55,9 +55,8 @@ from precision_pin.model.equilibrium import fixed_sides, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.model.verdict_grounds import exact_findings_at
-from precision_pin.render.html import Table
-from precision_pin.render.tables import data_frame, interval_columns, milli, plus_minus, symbol, unit
-from precision_pin.render.text_table import aligned
+from precision_pin.render.columns import QUANTITY, Column, text_lines
+from precision_pin.render.tables import milli, plus_minus, symbol, unit
 from precision_pin.sampling import Progress
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Plan
 
@@ -181,6 +180,36 @@ class PoseMoments(Record):
         return None if self.norm_variance is None else deviations(self.norm_variance)
 
 
+_Entry = tuple[float, tuple[float, float] | None] | None
+
+
+class Moments(NamedTuple):
+    """Moments of a quantity, m or rad, each with its interval; what only components have is None for a norm."""
+
+    quantity: str
+    mean: _Entry
+    std: _Entry
+    bias: _Entry = None
+    first: float | None = None
+
+    @property
+    def ratio(self) -> float | None:
+        """Exact standard deviation over that of the first order."""
+        return self.std[0] / self.first if self.std and self.first and np.isfinite(self.std[0]) else None
+
+
+def cell(entry: _Entry) -> str:
+    """Return a number in mm or mrad with the half-width of its interval, as text."""
+    if entry is None:
+        return "-"
+    value, interval = entry
+    if np.isnan(value):
+        return "-"
+    half = 0.0 if interval is None else (interval[1] - interval[0]) / 2
+    # digits below a picometre are meaningless
+    return plus_minus(1e3 * value, 1e3 * half, decimals=9)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class MomentsResult(Result):
     """Mean and covariance of the exact error at one or several poses, computed by ``method``."""
@@ -191,6 +220,15 @@ class MomentsResult(Result):
         *("assumptions", "warnings", "findings", "poses"),
     )
     model: ClassVar[str] = "exact"
+
+    COLUMNS: ClassVar = (
+        *QUANTITY,
+        Column("mean", cell, text="mean", notebook="mean", report="mean", frame="mean", has_interval=True),
+        Column("bias", cell, text="bias", report="bias"),
+        Column("std", cell, "std", "standard deviation", "standard deviation", "std", has_interval=True),
+        Column("first", milli, report="standard deviation, first order"),
+        Column("ratio", "{:.6g}".format, text="/ first order", report="exact / first order"),
+    )
 
     method: Method
     poses: tuple[PoseMoments, ...]
@@ -205,19 +243,21 @@ class MomentsResult(Result):
 
         The columns are ``mean`` and ``std``, each with ``_lower`` and ``_upper``. ``attrs`` gives the settings.
         """
-        rows = [
-            (
-                (label, quantity),
-                {
-                    key: number
-                    for name, entry in zip(("mean", "std"), entries(pose, row), strict=True)
-                    for key, number in interval_columns(name, *(entry or (None, None))).items()
-                },
-            )
-            for label, pose in zip(self.labels, self.poses, strict=True)
-            for row, quantity in enumerate(QUANTITIES)
-        ]
-        return data_frame(["pose", "quantity"], rows, self.attributes())
+        return self._frame()
+
+    def rows(self, pose: PoseMoments) -> list[Moments]:
+        """Return the moments of the eight quantities."""
+
+        def entry(measured: Measured | None, index: int) -> _Entry:
+            return None if measured is None else (float(measured.value[index]), measured.interval(index))
+
+        rows: dict[int, list[Any]] = {
+            row: [entry(pose.norm_mean, index), entry(pose.norm_std, index)] for index, row in enumerate(NORMS)
+        }
+        for index, row in enumerate(COMPONENTS):
+            rows[row] = [entry(one, index) for one in (pose.mean, pose.std, pose.bias)]
+            rows[row].append(float(pose.first_order_std[index]))
+        return [Moments(quantity, *rows[row]) for row, quantity in enumerate(QUANTITIES)]
 
     @property
     def summary(self) -> str:
@@ -226,13 +266,6 @@ class MomentsResult(Result):
 
     def _title(self) -> str:
         return "Moments of the error"
-
-    def _table(self, pose: PoseMoments) -> Table:
-        rows = [
-            [symbol(quantity), unit(quantity), *(cell(entry) for entry in entries(pose, row))]
-            for row, quantity in enumerate(QUANTITIES)
-        ]
-        return Table(("", "unit", "mean", "standard deviation"), rows, name_pose(pose.pose), words=2)
 
     def _notes(self) -> list[str]:
         return [f"{self.how}; exact model, base axes, statics {self.provenance.statics}"]
@@ -258,33 +291,6 @@ def deviations(variance: Measured) -> Measured:
     safe = np.where(value > 0, value, 1.0)
     error = np.where(value > 0, variance.standard_error / (2 * safe), np.sqrt(variance.standard_error))
     return Measured(value, error, np.maximum(high - value, value - low))
-
-
-_Entry = tuple[float, tuple[float, float] | None] | None
-
-
-def entries(pose: PoseMoments, row: int) -> tuple[_Entry, _Entry]:
-    """Return mean and standard deviation, each with its interval, of one of the eight quantities."""
-    if row in NORMS:
-        index = NORMS.index(row)
-        pair: tuple[Measured | None, Measured | None] = (pose.norm_mean, pose.norm_std)
-    else:
-        index = COMPONENTS.index(row)
-        pair = (pose.mean, pose.std)
-    mean, std = (None if one is None else (float(one.value[index]), one.interval(index)) for one in pair)
-    return mean, std
-
-
-def cell(entry: _Entry) -> str:
-    """Return a number in mm or mrad with the half-width of its interval, as text."""
-    if entry is None:
-        return "-"
-    value, interval = entry
-    if np.isnan(value):
-        return "-"
-    half = 0.0 if interval is None else (interval[1] - interval[0]) / 2
-    # digits below a picometre are meaningless
-    return plus_minus(1e3 * value, 1e3 * half, decimals=9)
 
 
 SMALLEST, LARGEST = 5, 19
@@ -640,38 +646,20 @@ def _closed_moments(at: PoseModel) -> tuple[Array, Array, Remainder]:
 def table(result: MomentsResult) -> str:
     """Return mean, bias and standard deviation of every quantity at every pose, mm and mrad, beside the first order."""
     sizes = [float(np.linalg.norm(pose.first_order_std[:3])) for pose in result.poses]
-    blocks = [answer_of([pose.pose for pose in result.poses], sizes, [*map(_answer, result.poses)])]
+    blocks = [
+        answer_of([pose.pose for pose in result.poses], sizes, [_answer(result.rows(pose)) for pose in result.poses])
+    ]
     for pose in result.poses:
-        # the ratio says the standard deviation of the first order
-        rows = [[*cells, ratio] for *cells, _, ratio in moment_rows(pose)]
         how = f"{result.how}; statics {result.provenance.statics}; errors in base axes"
-        table = aligned([["", "", "mean", "bias", "std", "/ first order"], *rows])
-        blocks.append("\n".join([subject(result.provenance, pose.pose), how, "", *table]))
+        lines = text_lines(result.COLUMNS, result.rows(pose))
+        blocks.append("\n".join([subject(result.provenance, pose.pose), how, "", *lines]))
     blocks.append("bias: mean of the exact model less that of the first order; / first order: ratio of the stds")
     return "\n\n".join(blocks)
 
 
-def _answer(pose: PoseMoments) -> str:
+def _answer(rows: Sequence[Moments]) -> str:
     parts = []
-    for row in NORMS:
-        quantity, (mean, std) = QUANTITIES[row], map(cell, entries(pose, row))
-        parts.append(f"{symbol(quantity)} mean {mean} {unit(quantity)}, std {std} {unit(quantity)}")
+    for one in (rows[row] for row in NORMS):
+        of = unit(one.quantity)
+        parts.append(f"{symbol(one.quantity)} mean {cell(one.mean)} {of}, std {cell(one.std)} {of}")
     return "; ".join(parts)
-
-
-def moment_rows(pose: PoseMoments) -> list[list[str]]:
-    """Return for each quantity: symbol, unit, mean, bias, std, first-order std and the ratio of both."""
-    rows = []
-    for row, quantity in enumerate(QUANTITIES):
-        mean, std = entries(pose, row)
-        bias, first, ratio = "-", "-", "-"
-        if row in COMPONENTS:
-            index = COMPONENTS.index(row)
-            half = 0.0 if pose.bias.half_width is None else float(pose.bias.half_width[index])
-            bias = plus_minus(1e3 * float(pose.bias.value[index]), 1e3 * half, decimals=9)
-            spread = float(pose.first_order_std[index])
-            first = milli(spread)
-            if std is not None and spread and np.isfinite(std[0]):
-                ratio = f"{std[0] / spread:.6g}"
-        rows.append([symbol(quantity), unit(quantity), cell(mean), bias, cell(std), first, ratio])
-    return rows

@@ -12,9 +12,10 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from precision_pin.analyses.collect import Results, sum_by_cause
 from precision_pin.analyses.reliability.estimates import in_words
-from precision_pin.analyses.reliability.reliability import ReliabilityResult, SpecificationReliability
+from precision_pin.analyses.reliability.reliability import METHOD_COLUMNS, ReliabilityResult, SpecificationReliability
 from precision_pin.base.errors import InputError
 from precision_pin.render import figure_style
+from precision_pin.render.columns import report_table
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
 from precision_pin.render.html import Child, Html, items, paragraph, table
 from precision_pin.render.tables import absolute, percent, unit
@@ -119,12 +120,8 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
         f"Probabilities of failure by method: {'; '.join(map(_described, entries))}",
         "Probability of failure by each method with its interval, and the draws that make the likeliest failure.",
     )
-    verdicts = table(
-        f"Probability of exceeding each limit; intervals at {100 * result.confidence:g} % confidence",
-        ["specification", "probability of failure", "interval", "by", "verdict"],
-        [[demanded(entry.specification), *entry.cells] for entry in entries],
-        words=(3, 4),
-    )
+    caption = f"Probability of exceeding each limit; intervals at {100 * result.confidence:g} % confidence"
+    verdicts = report_table(caption, result.COLUMNS, entries)
     lines = [
         f"{demanded(entry.specification)}: {line}"
         for entry in entries
@@ -145,12 +142,7 @@ def _described(entry: SpecificationReliability) -> str:
 
 
 def _methods(entry: SpecificationReliability) -> Html:
-    rows = [
-        [one.method, f"{one.probability:.3g}", in_words(one.interval), f"{one.evaluations:,}", one.note]
-        for one in entry.estimates
-    ]
-    header = ["method", "probability of failure", "interval", "evaluations", ""]
-    return table(f"Methods, {demanded(entry.specification)}", header, rows, words=(4,))
+    return report_table(f"Methods, {demanded(entry.specification)}", METHOD_COLUMNS, entry.estimates)
 
 
 def _important(entry: SpecificationReliability, results: Results) -> list[tuple[str, float]]:

@@ -6,6 +6,7 @@ Contradictions between them are reported in the result.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
@@ -16,16 +17,17 @@ from precision_pin.analyses.provenance import PoseLabel, Poses, Provenance, chec
 from precision_pin.analyses.reliability.estimates import Estimate, in_words, plain_estimate
 from precision_pin.analyses.reliability.form import DesignPoint, Stratum
 from precision_pin.analyses.reliability.importance import RareEvents, rare_events
-from precision_pin.analyses.result import Result, list_warnings, name_pose
+from precision_pin.analyses.result import Result, list_warnings
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.render.html import Table
-from precision_pin.render.tables import absolute, data_frame, interval_columns, number, resting_on, unit
+from precision_pin.render.columns import Column
+from precision_pin.render.tables import absolute, resting_on, unit
 from precision_pin.sampling import Progress, monte_carlo
+from precision_pin.sampling.table import demanded
 from precision_pin.statistics import (
     NO_GROUNDS,
     Grounds,
@@ -39,6 +41,22 @@ from precision_pin.statistics.plan import Specifications, listed_specifications
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
+
+
+METHOD_COLUMNS: Final = (
+    Column(lambda one: f"  {one.method}", text=""),
+    Column("method", report="method"),
+    Column("probability", "{:.3g}".format, text="P(failure)", report="probability of failure"),
+    Column("interval", in_words, text="interval", report="interval"),
+    Column(lambda one: (one.probability, one.interval), frame="failure", has_interval=True),
+    Column(
+        "variation", lambda share: f"{100 * share:.2g} %" if math.isfinite(share) else "-", "c.o.v.", frame="variation"
+    ),
+    Column("evaluations", "{:,}".format, "evaluations", report="evaluations", frame="evaluations"),
+    Column("resolved", frame="resolved"),
+    Column("note", text="", report="", is_words=True),
+)
+"""Columns of the table of methods."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +151,20 @@ class SpecificationReliability(RareEvents, Record):
         """True if the verdict is ``"met"``."""
         return self.verdict == "met"
 
+    def demand(self, quantity: str) -> str:
+        """Return the specification as text, with the given name of its quantity."""
+        of = self.specification
+        return f"{quantity} {1e3 * of.limit:.10g} {unit(of.quantity)} @ {100 * of.required:.10g} %"
+
     @property
-    def cells(self) -> tuple[str, str, str, str]:
-        """Probability of failure, its interval, the method, and the verdict, as text."""
-        probability = f"{self.best.probability:.3g}" if self.resolved else "not resolved"
-        verdict = self.verdict if self.met else self.verdict.upper()
-        return probability, in_words(self.best.interval), self.best.method, verdict
+    def name(self) -> str:
+        """Name in data frames."""
+        return self.demand(self.specification.quantity)
+
+    @property
+    def nearest(self) -> DesignPoint | None:
+        """The nearest design point; ``None`` if none was found."""
+        return next(iter(self.form.points), None)
 
     @property
     def failure(self) -> dict[str, Any]:
@@ -187,6 +213,29 @@ class ReliabilityResult(Result):
         "FORM and importance sampling in independent standard normal numbers; discs without polar angles",
     )
 
+    COLUMNS: ClassVar = (
+        Column(lambda one: one.demand(absolute(one.specification.quantity)), notebook="specification"),
+        Column("specification", demanded, report="specification"),
+        Column("specification.quantity", frame="quantity"),
+        Column("specification.limit", frame="limit"),
+        Column("specification.required", frame="required"),
+        Column(lambda one: (one.probability, one.interval), frame="probability", has_interval=True),
+        Column(lambda one: (one.best.probability, one.best.interval), frame="failure", has_interval=True),
+        Column(
+            lambda one: f"{one.best.probability:.3g}" if one.resolved else "not resolved",
+            notebook="P(failure)", report="probability of failure",
+        ),
+        Column("best.interval", in_words, notebook="interval", report="interval"),
+        Column("met", frame="met"),
+        Column("verdict", frame="verdict"),
+        Column("resolved", frame="resolved"),
+        Column("best.method", notebook="by", report="by", frame="method", is_words=True),
+        Column("nearest.probability", "{:.3g}".format, notebook="FORM"),
+        Column("form.probability", frame="form"),
+        Column("nearest.beta", "{:.4g}".format, notebook="β", frame="beta"),
+        Column(lambda one: one.verdict if one.met else one.verdict.upper(), notebook="", report="verdict", is_words=True),
+    )  # fmt: skip
+
     poses: tuple[PoseReliability, ...]
 
     @property
@@ -210,16 +259,18 @@ class ReliabilityResult(Result):
         """
         if lines not in ("specifications", "methods"):
             raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
-        entries = [
-            ((label, _demand(entry.specification, entry.specification.quantity)), entry)
-            for label, pose in zip(self.labels, self.poses, strict=True)
-            for entry in pose.specifications
-        ]
         if lines == "specifications":
-            rows = [(key, _columns(entry)) for key, entry in entries]
-            return data_frame(["pose", "specification"], rows, self.attributes())
-        methods = [((*key, one.method), _method_columns(one)) for key, entry in entries for one in entry.estimates]
-        return data_frame(["pose", "specification", "method"], methods, self.attributes())
+            return self._frame(
+                ("specification",), rows=lambda pose: (((one.name,), one) for one in pose.specifications)
+            )
+        return self._frame(
+            ("specification", "method"), METHOD_COLUMNS,
+            lambda pose: (((one.name, by.method), by) for one in pose.specifications for by in one.estimates),
+        )  # fmt: skip
+
+    def rows(self, pose: PoseReliability) -> tuple[SpecificationReliability, ...]:
+        """Return the specifications."""
+        return pose.specifications
 
     @property
     def summary(self) -> str:
@@ -233,10 +284,6 @@ class ReliabilityResult(Result):
     def _title(self) -> str:
         return "Reliability"
 
-    def _table(self, pose: PoseReliability) -> Table:
-        columns = ("specification", "P(failure)", "interval", "by", "FORM", "β", "")
-        return Table(columns, [_cells(entry) for entry in pose.specifications], name_pose(pose.pose))
-
     def _notes(self) -> list[str]:
         of = self.provenance
         comments = [line for pose in self.poses for entry in pose.specifications for line in entry.comments]
@@ -246,45 +293,6 @@ class ReliabilityResult(Result):
             *comments,
             *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
         ]
-
-
-def _demand(specification: Specification, quantity: str) -> str:
-    """Return a specification as text, with the given name of its quantity."""
-    milli = f"{1e3 * specification.limit:.10g} {unit(specification.quantity)}"
-    return f"{quantity} {milli} @ {100 * specification.required:.10g} %"
-
-
-def _columns(entry: SpecificationReliability) -> dict[str, Any]:
-    return {
-        "quantity": entry.specification.quantity,
-        "limit": entry.specification.limit,
-        "required": entry.specification.required,
-        **interval_columns("probability", entry.probability, entry.interval),
-        **interval_columns("failure", entry.best.probability, entry.best.interval),
-        "met": entry.met,
-        "verdict": entry.verdict,
-        "resolved": entry.resolved,
-        "method": entry.best.method,
-        "form": number(entry.form.probability),
-        "beta": entry.form.points[0].beta if entry.form.points else np.nan,
-    }
-
-
-def _method_columns(estimate: Estimate) -> dict[str, Any]:
-    return {
-        **interval_columns("failure", estimate.probability, estimate.interval),
-        "variation": estimate.variation,
-        "evaluations": estimate.evaluations,
-        "resolved": estimate.resolved,
-    }
-
-
-def _cells(entry: SpecificationReliability) -> list[str]:
-    nearest = entry.form.points[0] if entry.form.points else None
-    estimate, interval, method, verdict = entry.cells
-    form = ("-", "-") if nearest is None else (f"{nearest.probability:.3g}", f"{nearest.beta:.4g}")
-    demand = _demand(entry.specification, absolute(entry.specification.quantity))
-    return [demand, estimate, interval, method, *form, verdict]
 
 
 LISTED: Final = 3

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.reliability.estimates import SAMPLING, in_words, rounded
-from precision_pin.analyses.reliability.reliability import ReliabilityResult, SpecificationReliability
+from precision_pin.analyses.reliability.reliability import METHOD_COLUMNS, ReliabilityResult, SpecificationReliability
 from precision_pin.analyses.result import subject
+from precision_pin.render.columns import text_lines
 from precision_pin.render.tables import resting_on
-from precision_pin.render.text_table import aligned
 from precision_pin.sampling.table import NOTHING_VARIES, demanded
 
 LISTED: Final = 6
@@ -36,14 +35,9 @@ def table(result: ReliabilityResult) -> str:
 
 
 def _specification_lines(entry: SpecificationReliability) -> list[str]:
-    rows = [["", "P(failure)", "interval", "c.o.v.", "evaluations", ""]]
-    for estimate in entry.estimates:
-        varies = f"{100 * estimate.variation:.2g} %" if math.isfinite(estimate.variation) else "-"
-        found = [f"  {estimate.method}", f"{estimate.probability:.3g}", in_words(estimate.interval), varies]
-        rows.append([*found, f"{estimate.evaluations:,}", estimate.note])
     return [
         _verdict(entry),
-        *aligned(rows),
+        *text_lines(METHOD_COLUMNS, entry.estimates),
         *_form_lines(entry),
         *_strata_lines(entry),
         *_unresolved(entry),

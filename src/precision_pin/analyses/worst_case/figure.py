@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from precision_pin.analyses.collect import Results, milli_interval, statistic, sum_by_cause
-from precision_pin.analyses.worst_case.table import listed_contributions
+from precision_pin.analyses.collect import Results, sum_by_cause
+from precision_pin.analyses.worst_case.table import NORM_COLUMNS, listed_contributions
 from precision_pin.analyses.worst_case.worst_case import (
     SEEN_LEVEL,
     NormBound,
@@ -19,9 +19,10 @@ from precision_pin.analyses.worst_case.worst_case import (
     bound_milli,
 )
 from precision_pin.render import figure_style
+from precision_pin.render.columns import report_table
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION, display_unit
 from precision_pin.render.html import Child, Html, beside, items, table
-from precision_pin.render.tables import ROUNDING, milli, quantity_label, symbol, unit
+from precision_pin.render.tables import ROUNDING, milli, symbol, unit
 
 _LISTED: Final = 15
 _MEANS: Final = "error at the means"
@@ -41,9 +42,9 @@ def content(result: WorstCaseResult, results: Results) -> list[Child]:
     )
     return [
         items(_assumptions(result, results), "note"),
-        _norms(pose),
+        report_table("Worst case of the sizes; exact model, samples beside it", NORM_COLUMNS, norms),
         chart,
-        _components(pose),
+        report_table("Worst case of the components", result.COLUMNS, pose.components),
         beside(*(_contributions(bound, results) for bound in norms)),
     ]
 
@@ -64,36 +65,12 @@ def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, f
 
 
 def _described(bound: NormBound, results: Results) -> str:
-    name, upper = bound.quantity, bound_milli(bound.first_order.upper, up=True, digits=5)
+    name, upper = bound.quantity, bound_milli(bound.first_order.upper, digits=5)
     return (
         f"{symbol(name)} bound {upper} {unit(name)}, exact model at least {milli(bound.found.norm, 5)}, "
         f"largest seen {milli(bound.seen.max, 5)}, of which "
         + ", ".join(f"{name} {milli(value, 4)}" for name, value in _entries(bound, results, 5))
     )
-
-
-def _norms(pose: PoseWorstCase) -> Html:
-    header = [
-        *("", "first-order bound", "exact model there", "largest exact error found", "largest seen"),
-        *(f"{100 * SEEN_LEVEL:g} % of the samples within", "interval"),
-    ]
-    rows = []
-    for bound in (pose.position, pose.attitude):
-        certified = "" if bound.first_order.certified else " (not certified to 1e-9)"
-        upper = bound_milli(bound.first_order.upper, up=True) + certified
-        sizes = map(milli, (bound.exact_norm, bound.found.norm, bound.seen.max))
-        seen = statistic(bound.seen, SEEN_LEVEL), milli_interval(bound.seen, SEEN_LEVEL)
-        rows.append([quantity_label(bound.quantity), upper, *sizes, *seen])
-    return table("Worst case of the sizes; exact model, samples beside it", header, rows)
-
-
-def _components(pose: PoseWorstCase) -> Html:
-    header = ["", "lowest, first order", "highest, first order", "smallest seen", "largest seen"]
-    rows = []
-    for entry in pose.components:
-        ends = bound_milli(entry.low, up=False), bound_milli(entry.high, up=True)
-        rows.append([quantity_label(entry.quantity), *ends, *map(milli, entry.seen)])
-    return table("Worst case of the components", header, rows)
 
 
 def _contributions(bound: NormBound, results: Results) -> Html:

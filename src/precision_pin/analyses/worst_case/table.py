@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from precision_pin.analyses.collect import milli_interval
 from precision_pin.analyses.result import answer_of, subject
 from precision_pin.analyses.worst_case.worst_case import (
     SEEN_LEVEL,
@@ -13,11 +14,28 @@ from precision_pin.analyses.worst_case.worst_case import (
     WorstCaseResult,
     bound_milli,
 )
+from precision_pin.render.columns import QUANTITY, Column, text_lines
 from precision_pin.render.tables import ROUNDING, milli, symbol, unit
 from precision_pin.render.text_table import aligned
 from precision_pin.sampling.table import statistic
 from precision_pin.statistics.intervals import bound_text
 
+_SEEN: Final = f"{100 * SEEN_LEVEL:g} %"
+_UNPROVEN: Final = " (not certified to 1e-9)"
+NORM_COLUMNS: Final = (
+    *QUANTITY,
+    Column("high", bound_milli, text="first order"),
+    Column(
+        lambda one: bound_milli(one.high) + _UNPROVEN * (not one.first_order.certified),
+        report="first-order bound",
+    ),
+    Column("exact_norm", milli, text="there", report="exact model there"),
+    Column("found.norm", milli, text="found", report="largest exact error found"),
+    Column("seen.max", milli, text="largest seen", report="largest seen"),
+    Column("seen", lambda seen: statistic(seen, SEEN_LEVEL), f"{_SEEN} seen", report=f"{_SEEN} of the samples within"),
+    Column("seen", lambda seen: milli_interval(seen, SEEN_LEVEL), report="interval"),
+)
+"""Columns of the table of |d| and |δ|."""
 LISTED: Final = 8
 """Number of draws listed by name, largest contributions first; the rest is one line."""
 
@@ -35,9 +53,9 @@ def table(result: WorstCaseResult) -> str:
             f"compared with {result.samples:,} samples, seed {provenance.seed}, exact model, statics {provenance.statics}; "
             "errors in base axes",
             "",
-            *aligned(_norm_rows(pose)),
+            *text_lines(NORM_COLUMNS, (pose.position, pose.attitude)),
             "",
-            *aligned(_component_rows(pose)),
+            *text_lines(result.COLUMNS, pose.components),
         ]
         for bound in (pose.position, pose.attitude):
             lines += ["", *_contributions(bound)]
@@ -52,9 +70,7 @@ def table(result: WorstCaseResult) -> str:
 
 def _answer(pose: PoseWorstCase) -> str:
     of = (pose.position, pose.attitude)
-    bounds = ", ".join(
-        f"{symbol(one.quantity)} {bound_milli(one.first_order.upper, up=True)} {unit(one.quantity)}" for one in of
-    )
+    bounds = ", ".join(f"{symbol(one.quantity)} {bound_milli(one.high)} {unit(one.quantity)}" for one in of)
     found = ", ".join(f"{milli(one.found.norm)} {unit(one.quantity)}" for one in of)
     return f"at worst, every tolerance at once: {bounds} to first order; exact model: {found} found"
 
@@ -62,23 +78,6 @@ def _answer(pose: PoseWorstCase) -> str:
 def _listed(names: Sequence[str]) -> str:
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return f"{', '.join(names[:LISTED])}{more}"
-
-
-def _norm_rows(pose: PoseWorstCase) -> list[list[str]]:
-    rows = [["", "", "first order", "there", "found", "largest seen", f"{100 * SEEN_LEVEL:g} % seen"]]
-    for bound in (pose.position, pose.attitude):
-        sizes = (bound.exact_norm, bound.found.norm, bound.seen.max)
-        cells = [bound_milli(bound.first_order.upper, up=True), *map(milli, sizes), statistic(bound.seen, SEEN_LEVEL)]
-        rows.append([symbol(bound.quantity), unit(bound.quantity), *cells])
-    return rows
-
-
-def _component_rows(pose: PoseWorstCase) -> list[list[str]]:
-    rows = [["", "", "lowest, first order", "highest", "smallest seen", "largest seen"]]
-    for entry in pose.components:
-        ends = bound_milli(entry.low, up=False), bound_milli(entry.high, up=True)
-        rows.append([symbol(entry.quantity), unit(entry.quantity), *ends, *map(milli, entry.seen)])
-    return rows
 
 
 def _contributions(bound: NormBound) -> list[str]:

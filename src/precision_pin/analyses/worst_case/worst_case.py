@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
-from precision_pin.analyses.result import Result, list_warnings, name_pose
+from precision_pin.analyses.result import Result, list_warnings
 from precision_pin.analyses.supports import Supports
 from precision_pin.base.arrays import Array, Fixed, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
@@ -29,8 +30,8 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.equilibrium import side_variants, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.render.html import Table
-from precision_pin.render.tables import milli, symbol, unit
+from precision_pin.render.columns import QUANTITY, Column
+from precision_pin.render.tables import milli
 from precision_pin.sampling import Progress, check_samples, monte_carlo
 from precision_pin.statistics import QUANTITIES, Distribution
 from precision_pin.statistics.intervals import round_end
@@ -72,6 +73,15 @@ class ComponentBound:
     low: float
     high: float
     seen: tuple[float, float]
+    # what only |d| and |δ| have
+    first_order: ClassVar = None
+    exact_norm: ClassVar = None
+    found: ClassVar = None
+
+    @property
+    def seen_ends(self) -> tuple[float, float]:
+        """Smallest and largest sampled value."""
+        return self.seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +125,22 @@ class NormBound(Record):
     exact_norm: float
     found: ExactMaximum
     seen: Distribution
+    low: ClassVar = None
 
     @property
     def exceeded(self) -> bool:
         """Whether the exact model exceeds the first-order bound by more than a thousandth."""
         return self.found.norm > self.first_order.upper * (1 + BENT) + _ROUNDING
+
+    @property
+    def high(self) -> float:
+        """The bound."""
+        return self.first_order.upper
+
+    @property
+    def seen_ends(self) -> tuple[float, float]:
+        """Smallest and largest sampled value."""
+        return self.seen.min, self.seen.max
 
     @property
     def bound(self) -> dict[str, Any]:
@@ -180,6 +201,14 @@ class PoseWorstCase(Record):
         return {one.quantity: {"first_order": (one.low, one.high), "seen": one.seen} for one in self.components}
 
 
+def bound_milli(value: float, *, up: bool = True, digits: int = 6) -> str:
+    """Return a bound in mm or mrad as text, rounded outwards; ``-`` for none."""
+    text = milli(value, digits)
+    if text == "-" or (float(text) >= 1e3 * value if up else float(text) <= 1e3 * value):
+        return text
+    return f"{round_end(1e3 * value, digits, up=up):.{digits}g}"
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class WorstCaseResult(Result):
     """Worst case at one or several poses; ``cut`` are the draws whose laws were cut at ``k`` standard deviations."""
@@ -189,6 +218,23 @@ class WorstCaseResult(Result):
         *("*head", "samples", "model", "confidence", "k", "cut", "assumptions", "warnings", "findings", "poses"),
     )
     model: ClassVar[str] = "exact"
+    COLUMNS: ClassVar = (
+        *QUANTITY,
+        Column(
+            "low",
+            partial(bound_milli, up=False),
+            "lowest, first order",
+            "first order, from",
+            "lowest, first order",
+            "low",
+        ),
+        Column("high", bound_milli, "highest", "to", "highest, first order", "high"),
+        Column("first_order.lower", frame="attained"),
+        Column("exact_norm", frame="exact_there"),
+        Column("found.norm", milli, notebook="exact, found", frame="exact_found"),
+        Column(lambda one: one.seen_ends[0], milli, "smallest seen", "smallest seen", "smallest seen", "seen_min"),
+        Column(lambda one: one.seen_ends[1], milli, "largest seen", "largest seen", "largest seen", "seen_max"),
+    )
 
     k: float
     cut: tuple[str, ...]
@@ -218,7 +264,12 @@ class WorstCaseResult(Result):
         parameters, ``exact_found`` the largest norm found by the search (norms only). ``seen_min`` and ``seen_max`` are
         the smallest and largest sampled values. ``attrs`` gives the settings.
         """
-        return self._frame("quantity", lambda pose: _rows(pose).items())
+        return self._frame()
+
+    def rows(self, pose: PoseWorstCase) -> list[NormBound | ComponentBound]:
+        """Return the bounds of the eight quantities."""
+        bounds: list[NormBound | ComponentBound] = [pose.position, pose.attitude, *pose.components]
+        return sorted(bounds, key=lambda one: QUANTITIES.index(one.quantity))
 
     @property
     def summary(self) -> str:
@@ -232,49 +283,12 @@ class WorstCaseResult(Result):
     def _title(self) -> str:
         return "Worst case"
 
-    def _table(self, pose: PoseWorstCase) -> Table:
-        columns = ("", "unit", "first order, from", "to", "exact, found", "smallest seen", "largest seen")
-        rows = []
-        for name, row in _rows(pose).items():
-            ends = bound_milli(row["low"], up=False), bound_milli(row["high"], up=True)
-            seen = (milli(row[field]) for field in ("exact_found", "seen_min", "seen_max"))
-            rows.append([symbol(name), unit(name), *ends, *seen])
-        return Table(columns, rows, name_pose(pose.pose), words=2)
-
     def _notes(self) -> list[str]:
         of = self.provenance
         return [
             *self.assumptions,
             f"seen: among {self.samples:,} samples, seed {of.seed}, exact model, statics {of.statics}; base axes",
         ]
-
-
-def bound_milli(value: float, *, up: bool, digits: int = 6) -> str:
-    """Return a bound in mm or mrad as text, rounded outwards; ``-`` for none."""
-    text = milli(value, digits)
-    if text == "-" or (float(text) >= 1e3 * value if up else float(text) <= 1e3 * value):
-        return text
-    return f"{round_end(1e3 * value, digits, up=up):.{digits}g}"
-
-
-def _rows(pose: PoseWorstCase) -> dict[str, dict[str, float]]:
-    rows = {
-        bound.quantity: {
-            "low": np.nan,
-            "high": bound.first_order.upper,
-            "attained": bound.first_order.lower,
-            "exact_there": bound.exact_norm,
-            "exact_found": bound.found.norm,
-            "seen_min": bound.seen.min,
-            "seen_max": bound.seen.max,
-        }
-        for bound in (pose.position, pose.attitude)
-    }
-    nothing = dict.fromkeys(("attained", "exact_there", "exact_found"), np.nan)
-    for one in pose.components:
-        low, high = one.seen
-        rows[one.quantity] = {"low": one.low, "high": one.high, **nothing, "seen_min": low, "seen_max": high}
-    return {quantity: rows[quantity] for quantity in QUANTITIES}
 
 
 MOST_KEPT: Final = 1_000_000

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from precision_pin.analyses.collect import MISSING, Results, bracketed, milli_interval, shown, statistic
+from precision_pin.analyses.collect import Results, bracketed, milli_interval, statistic
+from precision_pin.render.columns import report_table
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, element, joined, paragraph, section, table
-from precision_pin.render.tables import absolute, milli, quantity_label, symbol, unit
+from precision_pin.render.tables import MISSING, milli, quantity_label, shown, symbol, unit
 from precision_pin.sampling import figures
+from precision_pin.sampling.result import limit_text, specification_columns
 from precision_pin.sampling.table import NOTHING_VARIES, tolerance_bounds
 from precision_pin.statistics import Distribution, SpecificationResult, VectorDistribution, Verdict, format_share
 from precision_pin.statistics.distribution import COMPONENT_LEVELS, CONTENTS
@@ -64,27 +66,15 @@ def specifications(results: Results) -> Html:
     given = results.analysis.summary.specifications
     if not given:
         return paragraph('No limit was given: --spec sets one, such as --spec "0.5 mm @ 99.73 %".', class_="note")
-    rows: list[list[Child]] = []
-    for result in given:
-        share, low, high = format_share(result.probability, result.interval, result.required)
-        verdict = element("strong", result.verdict, class_="good" if result.met else "bad")
-        required = f"{100 * result.required:.10g} %"
-        rows.append([_limit(result), required, f"{share} %", f"[{low}, {high}] %", verdict])
-    confidence = f"{100 * results.analysis.summary.confidence:g} % confidence"
-    header = ["limit", "required inside", "inside", f"interval at {confidence}", "verdict"]
-    return table("Specifications", header, rows, words=(4,))
+    return report_table("Specifications", specification_columns(results.analysis.summary.confidence), given)
 
 
 def _counted(result: SpecificationResult) -> str:
     share, low, high = format_share(result.probability, result.interval, result.required)
     return (
-        f"{share} % of the robots stay within {_limit(result)} (interval [{low}, {high}] %); "
+        f"{share} % of the robots stay within {limit_text(result)} (interval [{low}, {high}] %); "
         f"{100 * result.required:.10g} % are required."
     )
-
-
-def _limit(result: SpecificationResult) -> str:
-    return f"{absolute(result.quantity)} ≤ {1e3 * result.limit:.6g} {unit(result.quantity)}"
 
 
 def _sizes(results: Results) -> Html:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.resources
-import math
 import platform
 import re
 import shlex
@@ -16,6 +15,7 @@ from precision_pin.base.versions import versions
 from precision_pin.pages import view
 from precision_pin.pages.report.distributions import describe_verdict, distributions, specifications
 from precision_pin.pages.report.summary import name_pose, picture, summary
+from precision_pin.render.columns import report_table
 from precision_pin.render.html import (
     Child,
     Html,
@@ -29,7 +29,8 @@ from precision_pin.render.html import (
     table,
 )
 from precision_pin.render.scene import Chapter, Layer
-from precision_pin.render.tables import milli, plain, resting_on
+from precision_pin.render.tables import milli, resting_on
+from precision_pin.robot.mcpc import COLUMNS
 from precision_pin.sampling.table import pose_text
 
 
@@ -143,21 +144,15 @@ def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
 def geometry(poses: Sequence[Results]) -> Html:
     """Return the table of MCPC parameters in the layout of the paper's Table 1."""
     results, heading = poses[0], "MCPC parameters"
-    header = ("i", "joint", "offset [°]", "α [°]", "β [°]", "γ [°]", "x [mm]", "y [mm]", "z [mm]")
     if isinstance(results.mcpc, Missing):
         return section("mcpc", heading, left_out(heading, results.mcpc, results))
-    rows = []
-    for row in results.mcpc.table:
-        joint = "base" if row.joint is None else f"{row.joint} (slides)" if row.prismatic else row.joint
-        numbers = [(angle, math.degrees(1)) for angle in (row.turn, row.alpha, row.beta, row.gamma)]
-        numbers += [(length, 1e3) for length in (row.x, row.y, row.z)]
-        rows.append([str(row.link), joint, *("" if value is None else plain(unit * value) for value, unit in numbers)])
     note = paragraph(
         "The nominal chain in the modified complete and parametrically continuous model of Zhuang, Wang and Roth (1993), "
         "laid out as Table 1 of Wei, Jia and Chen (2015).",
         class_="note",
     )
-    return section("mcpc", heading, table("MCPC parameters of the nominal chain", header, rows, words=(1,)), note)
+    parameters = report_table("MCPC parameters of the nominal chain", COLUMNS, results.mcpc.table)
+    return section("mcpc", heading, parameters, note)
 
 
 def parameters(poses: Sequence[Results]) -> Html:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.collect import MISSING, CauseShare, Results, milli_interval, percent, statistic
+from precision_pin.analyses.collect import CauseShare, Results, milli_interval, percent, statistic
 from precision_pin.base.arrays import Array
 from precision_pin.pages.report.distributions import describe_verdict, specifications, verdict
 from precision_pin.pages.view.drawing import Cloud, draw_picture
@@ -17,7 +17,7 @@ from precision_pin.pages.view.headline import quantile, values_of
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, element, items, joined, paragraph, section, table
-from precision_pin.render.tables import absolute, milli, share_in_words, symbol, unit
+from precision_pin.render.tables import MISSING, absolute, milli, share_in_words, symbol, unit
 from precision_pin.statistics import Distribution, SpecificationResult, clopper_pearson, format_share
 from precision_pin.statistics.intervals import format_inside
 
