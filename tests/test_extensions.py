@@ -96,7 +96,7 @@ def test_what_others_install_stands_where_ours_does_and_what_is_broken_is_named(
         "source sagging extra_errors.sagging:Sagging, of extra-errors 1.2",
         "source frame LEFT OUT: the name 'frame' is taken",
         "law trapezoid extra_errors.trapezoid:Trapezoid, of extra-errors 1.2",
-        "law number LEFT OUT: it is no subclass of precision_pin.draws.laws.Law",
+        "law number LEFT OUT: not a subclass of precision_pin.draws.laws.Law",
     ):
         assert line in lines
     left_out = "missing of extra-errors 1.2 (extra_errors.missing:DECLARATION) is left out"

@@ -263,7 +263,9 @@ orientations: {axis: 0 0 -1, tool_axis: 1 0 0}
 def test_a_grid_is_mapped_and_the_first_lines_answer(run, folder, new_files):
     (folder / "grid.yaml").write_text(GRID)
     asked = ("map", SHEET, "--grid", "grid.yaml", "--spec")
-    why = "NOT JUDGED: 2 of 6 poses are left out: 2 unreachable (first '1000 0 4000 mm'); --beyond-limits judges all the same"
+    why = (
+        "NOT JUDGED: 2 of 6 poses are left out: 2 unreachable (first '1000 0 4000 mm'); --beyond-limits gives a verdict"
+    )
     for command in (asked, ("analyze", SHEET, "--grid", "grid.yaml", "--samples", "500", "--spec")):
         assert why.split("(first")[0] in " ".join(run(*command, "1 m", code=1).out.split())
     compared = run("compare", SHEET, *asked[2:], "1 m", "--set", "payload.mass=1 kg", "--samples", "500", code=1).out

@@ -209,7 +209,7 @@ def test_a_target_that_turns_by_pi_is_refused_in_the_exact_model_only() -> None:
     at = plain_table(Space((Draw("a", Normal(1.0)),)), np.eye(4)[None], [[0, 0, 0, 0, 0, 1.0]])
     layout = sampler.to_arrays(at)
     unit = int(np.flatnonzero(np.abs(at.space.sample(5, 0, 20_000)[0]) >= math.pi)[0])
-    with pytest.raises(InputError, match=f"sample {unit}: an error turns a place by half a turn or more"):
+    with pytest.raises(InputError, match=f"sample {unit}: an error rotates a frame by 180° or more"):
         sampler.errors(layout, "exact", 5, 0, 20_000)
     assert sampler.errors(layout, "exact", 5, 0, unit).shape == (6, unit)
     assert sampler.errors(layout, "exact", 5, unit + 1, 1).shape == (6, 1)

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import precision_pin as pp
-from precision_pin.model.compliance import OWN, compliances_of, loaded_terms, loads_of
+from precision_pin.model.compliance import ARM, compliances_of, loaded_terms, loads_of
 from precision_pin.sources import Beam, JointCompliance, Payload
 
 LENGTH, EI, GI, ANGULAR = 0.8, 900.0, 400.0, 2e-5
@@ -58,7 +58,7 @@ def test_a_weight_at_the_tip_displaces_it_by_the_compliance(arm, q):
     force = np.concatenate([3.0 * arm.chain.gravity, np.zeros(3)])
     expected = sum(compliances_of(carrying, [q]).values()) @ force
     assert_allclose(carrying.at([q]).linear(np.zeros((0, 1)))[:, 0], expected, rtol=1e-10, atol=1e-15)
-    assert set(loads_of(carrying, [q])) == {OWN, "payload[tip]"}
+    assert set(loads_of(carrying, [q])) == {ARM, "payload[tip]"}
     assert {label: len(terms) > 0 for label, terms in loaded_terms(carrying, [q]).items()} == {
         "joint_compliance[turn]": True,
         "beam[beam]": True,

@@ -143,7 +143,7 @@ MISTAKES = [
     ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: {joint2: {a: +}}}\n  old: -90", None, "joint values"),
     ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: [+, -]}\n  old: -90", None, "2 directions of approach for 4 joints"),
     ("paper: -90", "paper: {q: 0 0 0 0 deg, approach: previous}\n  old: -90", None, "pose, but this is the first"),
-    ("paper: -90", "paper: {q: 0 0 0 0 deg, aproach: previous}\n  old: -90", None, "unknown key 'aproach' beside q: and"),
+    ("paper: -90", "paper: {q: 0 0 0 0 deg, aproach: previous}\n  old: -90", None, "unknown key 'aproach' next to q: and"),
     ("paper: -90", "paper: {approach: joint2 +}\n  old: -90", None, "approach: needs the joint values as q:"),
     # shapes
     ("tip: tool", "tip: [tool]", None, "one value"),

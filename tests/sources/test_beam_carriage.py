@@ -245,7 +245,7 @@ def test_equilibrium_statics_agree_with_a_beam_of_that_length_or_refuse():
         ({"supports": "end", "EI": 1.0}, "supports of beam must be start or both, got 'end'"),
         ({"pads_on": "both", "EI": 1.0}, "pads_on of beam must be child or parent, got 'both'"),
         ({"span": 0.0, "EI": 1.0}, "the span of beam must be positive"),
-        ({"span": 0.2, "EI": 1.0}, r"beam\[rail\]: what it carries is at 0.4 m, beyond its ends at 0 and 0.2 m"),
+        ({"span": 0.2, "EI": 1.0}, r"beam\[rail\]: the carriage is at 0.4 m, beyond the ends at 0 and 0.2 m"),
         ({"start": 0.5, "span": 2.0, "EI": 1.0}, "is at -0.1 m"),
         ({"bending_stiffness": 1.0}, "give EI:, GI: and EA:"),
         ({"segments": (Segment(EI=1.0),)}, "need span:, the length of the beam"),

@@ -9,7 +9,7 @@ import pinocchio
 from scipy.spatial.transform import Rotation
 
 from precision_pin.draws.expressions import Component, Constant, Expression, Operation, Operator
-from precision_pin.model.equilibrium import settle
+from precision_pin.model.equilibrium import solve_equilibrium
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import Place
@@ -108,7 +108,7 @@ def settled_errors(model: ErrorModel, q, x) -> np.ndarray:
     posture = nominal.at(q).posture
     errors = []
     for column in np.asarray(x, dtype=float).T:
-        rest = settle(posture, model.space, model._make_terms, values=column)
+        rest = solve_equilibrium(posture, model.space, model._make_terms, values=column)
         errors.append(rest.alone(posture, model.space).exact(column[:, None])[:, 0])
     return np.array(errors).T
 

@@ -24,25 +24,27 @@ from precision_pin.base.errors import InputError, UnitError, UnknownNameError, v
 from precision_pin.base.units import Quantity, parse_vector
 
 _UNCHECKED: Final = 2**28
-"""Bytes below which a request is not checked: the check would take longer than it is worth."""
+"""Bytes up to which free memory is not checked: 256 MiB fit on any machine, and a check takes almost 1 ms."""
 
 _MEMORY: Final = Path("/proc/meminfo")
+"""Linux's memory statistics; see proc(5)."""
 _GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+"""Root of the control groups, and the list of this process's; see cgroups(7)."""
 
 
 def available_memory() -> int | None:
-    """Return the bytes that this process can still allocate without swapping; ``None`` if the system does not say."""
-    found = []
+    """Return the bytes that this process can still allocate without swapping; ``None`` if unknown."""
+    free_bytes = []
     with suppress(OSError, ValueError, StopIteration):
         line = next(line for line in _MEMORY.read_text("ascii").splitlines() if line.startswith("MemAvailable:"))
-        found.append(1024 * int(line.split()[1]))
-    if not found:
+        free_bytes.append(1024 * int(line.split()[1]))
+    if not free_bytes:
         with suppress(OSError, ValueError):  # not Linux: all physical memory
-            found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+            free_bytes.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     for limit, used in _group_files():
         with suppress(OSError, ValueError):  # no such group, or one without a limit
-            found.append(max(int(limit.read_text("ascii")) - int(used.read_text("ascii")), 0))
-    return min(found, default=None)
+            free_bytes.append(max(int(limit.read_text("ascii")) - int(used.read_text("ascii")), 0))
+    return min(free_bytes, default=None)
 
 
 def _group_files() -> Iterator[tuple[Path, Path]]:
@@ -62,29 +64,29 @@ def _group_files() -> Iterator[tuple[Path, Path]]:
                 yield folder / names[0], folder / names[1]
 
 
-def check_memory(needed: float, what: str, instead: str) -> None:
-    """Raise if a request of ``needed`` bytes for ``what`` exceeds the free memory; ``instead`` is the alternative."""
+def check_memory(needed: float, what: str, remedy: str) -> None:
+    """Raise if a request of ``needed`` bytes for ``what`` exceeds the free memory; ``remedy`` is the alternative."""
     available = available_memory() if needed > _UNCHECKED else None
     if available is not None and needed > available:
-        message = f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {instead}"
+        message = f"{what} takes {needed / 1e9:,.1f} GB, {available / 1e9:,.1f} GB of memory are free; {remedy}"
         raise InputError(message)
 
 
 def check_kept(samples: int) -> None:
-    """Raise if the pose errors of so many samples, 48 bytes each, do not fit into memory."""
-    instead = f"at most {(available_memory() or 0) // 48:,} can be kept (the statistics do not need them)"
-    check_memory(48.0 * samples, f"keeping {samples:,} samples", instead)
+    """Raise if the pose errors of this many samples, 48 bytes each, do not fit into memory."""
+    remedy = f"at most {(available_memory() or 0) // 48:,} can be kept (the statistics do not need them)"
+    check_memory(48.0 * samples, f"keeping {samples:,} samples", remedy)
 
 
 Kind = TypeVar("Kind")
 
 _LONGEST: Final = 60
-"""Characters of a value that a message shows."""
+"""Characters of a value that a message shows: name, value and allowed values then fit two lines of a terminal."""
 
 _NUMBERS: Final = "iuf"
 """Kinds of numpy types that are real numbers."""
 _MANY: Final = 2**20
-"""Array size above which free memory is checked before copying; below it the check takes longer than the copy."""
+"""Array size (numbers) above which free memory is checked before copying; the copy then takes longer than the check."""
 
 
 def shown(value: object) -> str:
@@ -96,10 +98,10 @@ def shown(value: object) -> str:
     return visible(text, _LONGEST)
 
 
-def check_whole(what: str, value: object, least: int, most: int, limits: str = "") -> int:
-    """Return a whole number from ``least`` to ``most`` (in messages: ``limits``); booleans and floats are refused."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
-        allowed = limits or f"from {least} to {most}"
+def check_whole(what: str, value: object, minimum: int, maximum: int, limits: str = "") -> int:
+    """Return an integer from ``minimum`` to ``maximum`` (in messages: ``limits``); booleans and floats are rejected."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not minimum <= value <= maximum:
+        allowed = limits or f"from {minimum} to {maximum}"
         raise InputError(f"{what} must be a whole number {allowed}, got {shown(value)}")
     return int(value)
 
@@ -107,7 +109,7 @@ def check_whole(what: str, value: object, least: int, most: int, limits: str = "
 def check_number(
     what: str, value: object, allowed: str = "a finite number", within: Callable[[float], bool] | None = None
 ) -> float:
-    """Return a finite number that fulfils ``within``; booleans and text are refused."""
+    """Return a finite number that fulfils ``within``; booleans and text are rejected."""
     number = _number(value)
     if number is None or not math.isfinite(number) or not (within is None or within(number)):
         raise InputError(f"{what} must be {allowed}, got {shown(value)}")
@@ -132,7 +134,7 @@ def check_numbers(what: str, values: object, shape: tuple[int | None, ...] | Non
 
     Args:
         values: A number, sequences of numbers, or an array.
-        shape: The allowed shape, with ``None`` for any length; any shape if left out.
+        shape: The allowed shape, with ``None`` for any length (default: any shape).
         needs: Text after "must be" in the message.
     """
     if isinstance(values, np.ndarray) and (shape is None or _fits(values, shape)):
@@ -163,21 +165,21 @@ def _fits(array: NDArray[Any], shape: tuple[int | None, ...]) -> bool:
 def _array(values: object) -> Array | None:
     """Return a copy as floats; ``None`` for anything else, including text that could be read as a number."""
     try:
-        given = np.asarray(values)
+        array = np.asarray(values)
     except (TypeError, ValueError, OverflowError, MemoryError):
         return None
-    if given.dtype.kind not in _NUMBERS and (
-        given.dtype.kind != "O" or any(_number(one) is None for one in given.ravel())
+    if array.dtype.kind not in _NUMBERS and (
+        array.dtype.kind != "O" or any(_number(entry) is None for entry in array.ravel())
     ):
         return None
     try:
-        return fix_copy(cast("Any", given))
+        return fix_copy(cast("Any", array))
     except (TypeError, ValueError, OverflowError):
         return None
 
 
 def _numbers_of(shape: tuple[int | None, ...]) -> str:
-    entries = ", ".join("N" if one is None else str(one) for one in shape)
+    entries = ", ".join("N" if length is None else str(length) for length in shape)
     return f"finite numbers of shape ({entries},)" if len(shape) == 1 else f"finite numbers of shape ({entries})"
 
 
@@ -195,11 +197,11 @@ def check_text(what: str, value: object, example: str = "") -> str:
     return str(value)
 
 
-def check_name(kind: str, value: object, known: Collection[str]) -> str:
+def check_name(kind: str, value: object, names: Collection[str]) -> str:
     """Return the name of something that exists."""
     name = check_text(f"the name of a {kind}", value)
-    if name not in known:
-        raise UnknownNameError(kind, name, tuple(known))
+    if name not in names:
+        raise UnknownNameError(kind, name, tuple(names))
     return name
 
 
@@ -209,19 +211,19 @@ def check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
         raise InputError(f"{what} must be {' or '.join(choices)}, got {shown(value)}")
 
 
-def check_instance(what: str, value: object, kind: type[Kind], made: str = "") -> Kind:
-    """Return a value of the type ``kind``; ``made`` tells the user how to make one."""
+def check_instance(what: str, value: object, kind: type[Kind], recipe: str = "") -> Kind:
+    """Return a value of the type ``kind``; ``recipe`` is the message's example of one."""
     if not isinstance(value, kind):
-        hint = f" ({made})" if made else ""
+        hint = f" ({recipe})" if recipe else ""
         raise InputError(f"{what} must be of type {kind.__name__}{hint}, got {shown(value)}")
     return value
 
 
-def check_items(what: str, values: object, kind: type[Kind], made: str = "") -> tuple[Kind, ...]:
+def check_items(what: str, values: object, kind: type[Kind], recipe: str = "") -> tuple[Kind, ...]:
     """Return the items of a list or another collection, all of one type."""
     if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
         raise InputError(f"{what} must be a list of {kind.__name__}, got {shown(values)}")
-    return tuple([check_instance(f"each of {what}", value, kind, made) for value in values])
+    return tuple([check_instance(f"each of {what}", value, kind, recipe) for value in values])
 
 
 def check_mapping(what: str, value: object) -> Mapping[str, Any]:
@@ -252,12 +254,12 @@ def check_quantity(
     allowed: str = "finite",
     within: Callable[[float], bool] | None = None,
 ) -> float:
-    """Return one number in SI, given so or as text with a unit; options as for :func:`check_number`."""
+    """Return one number in SI, from a number in SI or text with a unit; options as for :func:`check_number`."""
     number = _in_si(what, value, quantity)
-    shown_unit = f"{allowed}, in {quantity.si} or with a unit"
+    requirement = f"{allowed}, in {quantity.si} or with a unit"
     if isinstance(number, list):
-        raise UnitError(f"{what} must be {shown_unit}, got {len(number)} numbers")
-    return check_number(what, number, shown_unit, within)
+        raise UnitError(f"{what} must be {requirement}, got {len(number)} numbers")
+    return check_number(what, number, requirement, within)
 
 
 def check_quantities(
@@ -265,7 +267,7 @@ def check_quantities(
 ) -> Array:
     """Return numbers in SI as a read-only copy.
 
-    As :func:`~precision_pin.base.arguments.check_numbers`, but also accepts text with a unit in place of a number
+    As :func:`~precision_pin.base.arguments.check_numbers`, but also accepts text with a unit instead of a number
     (``"100 mm"``) or of a row of numbers (``"0 0 100 mm"``).
     """
     return check_numbers(what, _in_si(what, values, quantity), shape, needs)

@@ -16,21 +16,21 @@ Array = NDArray[np.float64]
 """Numbers in double precision; docstrings give the shape."""
 
 
-Thing = TypeVar("Thing")
+Value = TypeVar("Value")
 Owner = TypeVar("Owner")
-Given = ParamSpec("Given")
+Args = ParamSpec("Args")
 
 
-def read_only(value: Thing) -> Thing:
+def read_only(value: Value) -> Value:
     """Return a read-only view of an array, or of each array in a tuple; anything else is returned unchanged."""
     if isinstance(value, np.ndarray):
         if value.flags.writeable:
             view = value.view()
             view.flags.writeable = False
-            return cast("Thing", view)
+            return cast("Value", view)
         return value
     if type(value) is tuple:
-        return cast("Thing", tuple([read_only(one) for one in cast("tuple[object, ...]", value)]))
+        return cast("Value", tuple([read_only(item) for item in cast("tuple[object, ...]", value)]))
     return value
 
 
@@ -41,11 +41,13 @@ def fix_copy(values: ArrayLike) -> NDArray[np.float64]:
     return copy
 
 
-def returns_read_only(method: Callable[Concatenate[Owner, Given], Thing]) -> Callable[Concatenate[Owner, Given], Thing]:
+def returns_read_only(
+    method: Callable[Concatenate[Owner, Args], Value],
+) -> Callable[Concatenate[Owner, Args], Value]:
     """Decorate a method to return read-only arrays; goes inside ``cached_property``."""
 
     @wraps(method)
-    def call_method(self: Owner, /, *arguments: Given.args, **options: Given.kwargs) -> Thing:
+    def call_method(self: Owner, /, *arguments: Args.args, **options: Args.kwargs) -> Value:
         return read_only(method(self, *arguments, **options))
 
     return call_method
@@ -80,27 +82,27 @@ class Record(Fixed):
 
     Attributes:
         KEYS: Keys of the JSON in order; if empty, the fields. ``"key"`` is the attribute of that name,
-            ``"key=attribute"`` another, perhaps with dots, ``"key=attribute?"`` null where that is empty, and
+            ``"key=attribute"`` another, perhaps with dots, ``"key=attribute?"`` null if it is empty, and
             ``"*attribute"`` adds all keys of a record or mapping.
     """
 
     KEYS: ClassVar[Keys] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the JSON of the record, SI units; null where a number does not exist or is not resolved."""
+        """Return the JSON of the record, SI units; null for numbers that do not exist or are not resolved."""
         kind: Any = type(self)
         return self.encoded(self.KEYS or field_names(kind))
 
     def encoded(self, keys: Iterable[str]) -> dict[str, Any]:
-        """Return some keys of the JSON, each as in :attr:`KEYS`."""
-        found: dict[str, Any] = {}
+        """Return selected keys of the JSON, each as in :attr:`KEYS`."""
+        entries: dict[str, Any] = {}
         for entry in keys:
             key, _, attribute = entry.partition("=")
             value = encode(attrgetter(attribute.rstrip("?") or key.lstrip("*"))(self))
             if attribute.endswith("?"):
                 value = value or None
-            found |= value if key.startswith("*") else {key: value}
-        return found
+            entries |= value if key.startswith("*") else {key: value}
+        return entries
 
 
 def encode(value: Any) -> Any:
@@ -111,8 +113,8 @@ def encode(value: Any) -> Any:
         case float():
             return float(value) if math.isfinite(value) else None
         case np.ndarray() | np.generic():
-            listed = value.tolist()
-            return listed if value.dtype.kind != "f" or np.isfinite(value).all() else encode(listed)
+            items = value.tolist()
+            return items if value.dtype.kind != "f" or np.isfinite(value).all() else encode(items)
         case Mapping():
             return {str(key): encode(entry) for key, entry in value.items()}
         case tuple() | list():

@@ -1,8 +1,8 @@
-"""Filling numba's cache from worker processes: several parts at once, with progress, and stoppable at any time.
+"""Fill numba's cache in parallel worker processes, with progress; interruptible.
 
-A process compiles one function at a time and reacts to neither Ctrl-C nor timers meanwhile. Workers do it instead;
-their pipes close when this process ends, which ends them too. If a worker cannot start or fails, nothing is lost: what
-is missing from the cache is compiled on first use.
+A process compiles one function at a time and reacts to neither Ctrl-C nor timers meanwhile. Workers compile instead;
+their pipes close when this process ends, which ends them too. If a worker cannot start or fails, nothing is lost:
+functions missing from the cache are compiled on first use.
 """
 
 from __future__ import annotations
@@ -24,15 +24,17 @@ from importlib import import_module
 from typing import Any, Final
 
 Report = Callable[[float], None]
-"""Takes the fraction of the work done, 0 to 1."""
+"""Function called with the fraction of the work done, 0 to 1."""
 
 MOST_WORKERS: Final = 3
 """More workers gain nothing: the longest part takes a third of the total time."""
 
 PATIENCE: Final = 300.0
-"""Seconds to wait for a worker's answer."""
+"""Seconds to wait for a worker's answer; the longest part takes some seconds, on a busy machine up to a minute."""
 
 _TICK: Final = 0.1
+"""Seconds between updates of the display, within which Ctrl-C takes effect too."""
+# a worker finds the package where this process does: it gets its search path
 _PROGRAM: Final = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from precision_pin.base.compile_ahead import serve; serve()"
@@ -41,9 +43,10 @@ _PROGRAM: Final = (
 
 COMPILING: Final = "compiling the sampler, once on this machine"
 COMPILING_NOTE: Final = f"{COMPILING}: some 8 s"
+"""Labels of the progress bar, and of the line where there is no bar; the time is that of three idle cores."""
 
 
-def _ignore(share: float) -> None:
+def _ignore(fraction: float) -> None:
     """Show nothing."""
 
 
@@ -76,69 +79,70 @@ class Job:
 @contextmanager
 def shown_by(report: Callable[[], Any]) -> Iterator[None]:
     """Show compilation progress with ``report()``, a context manager that yields a function of the fraction done."""
-    _shown.append(report)
+    _displays.append(report)
     try:
         yield
     finally:
-        _shown.remove(report)
+        _displays.remove(report)
 
 
-_shown: Final[list[Callable[[], Any]]] = []
-_begun: Final[list[_Begun]] = []
-"""Compilation that was started and not yet waited for."""
-_served: Final[list[bool]] = []
-"""Not empty in a worker process, which starts no workers of its own."""
+_displays: Final[list[Callable[[], Any]]] = []
+"""Displays set by `shown_by`, the innermost last."""
+_background: Final[list[_BackgroundCompilation]] = []
+"""Compilation started but not yet awaited; at most one."""
+_worker_flags: Final[list[bool]] = []
+"""Not empty in a worker process, which starts no further workers."""
 
 
 def begin_jobs(jobs: Sequence[Job]) -> None:
-    """Start jobs in the background that `compile_jobs` may ask for later; return at once."""
-    if not _begun and _can_start():
-        _begun.append(_Begun(jobs))
+    """Start jobs in the background that `compile_jobs` may request later; return at once."""
+    if not _background and _can_start():
+        _background.append(_BackgroundCompilation(jobs))
 
 
 def compile_jobs(jobs: Sequence[Job]) -> None:
     """Run jobs in worker processes, the longest first, announced on stderr or by `shown_by`; return when done."""
     if not _can_start():
         return
-    with _shown[-1]() if _shown else announced() as report:
+    with _displays[-1]() if _displays else announced() as report:
         _compile(jobs, report)
 
 
 def _can_start() -> bool:
-    return not _served and bool(sys.executable) and not getattr(sys, "frozen", False)
+    return not _worker_flags and bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
 def _compile(jobs: Sequence[Job], report: Report) -> None:
-    begun = _begun.pop() if _begun else _Begun(())
-    crew = begun.crew
-    crew.show(sum(job.weight for job in jobs), report)
-    crew.waiting += [job for job in jobs if not job.last and job not in begun.jobs]
+    background = _background.pop() if _background else _BackgroundCompilation(())
+    pool = background.pool
+    pool.show(sum(job.weight for job in jobs), report)
+    pool.waiting += [job for job in jobs if not job.last and job not in background.jobs]
     try:
-        begun.wait()
-        crew.work()  # jobs added after the thread had finished
-        crew.waiting += [job for job in jobs if job.last]
-        crew.work()
+        background.wait()
+        pool.work()  # jobs added after the thread had finished
+        pool.waiting += [job for job in jobs if job.last]
+        pool.work()
     except OSError:  # no process can be started, or another program was started
         return
     finally:
-        crew.end()
+        pool.end()
 
 
-class _Begun:
+class _BackgroundCompilation:
     """Jobs started before they are needed, and their workers."""
 
     def __init__(self, jobs: Sequence[Job]) -> None:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        self.jobs, self.crew = tuple(jobs), _Crew(min(MOST_WORKERS, cores))
-        self.crew.waiting += self.jobs
+        self.jobs, self.pool = tuple(jobs), _WorkerPool(min(MOST_WORKERS, cores))
+        self.pool.waiting += self.jobs
         self._thread = threading.Thread(target=self._do, daemon=True)
         self._error: OSError | None = None
         if jobs:
-            atexit.register(self.crew.end)
+            atexit.register(self.pool.end)
             self._thread.start()
 
     def wait(self) -> None:
-        """Wait until the jobs are done, open to interrupts."""
+        """Wait until the jobs are done; interruptible."""
         while self.jobs and self._thread.is_alive():
             self._thread.join(_TICK)
         if self._error is not None:
@@ -146,12 +150,12 @@ class _Begun:
 
     def _do(self) -> None:
         try:
-            self.crew.work()
+            self.pool.work()
         except OSError as error:
             self._error = error
 
 
-class _Crew:
+class _WorkerPool:
     """Workers, started as jobs arrive, each with a waiting thread; ``waiting`` may grow at any time."""
 
     def __init__(self, size: int) -> None:
@@ -210,7 +214,7 @@ class _Crew:
 
     def _start(self) -> subprocess.Popen[str]:
         environment = dict(os.environ)
-        numba: Any = sys.modules.get("numba")  # where it is not loaded yet, nobody has configured it
+        numba: Any = sys.modules.get("numba")  # if not loaded yet, it has the configuration of the environment
         if numba is not None and numba.config.CACHE_DIR:
             environment["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR
         worker = subprocess.Popen(
@@ -239,24 +243,24 @@ class _Crew:
         now = time.monotonic()
         # seconds for a unit of weight on one of the processes; at first that of a common machine
         pace = (now - self._began) * self._size / self._done if self._done else 1.0
-        likely = sum(job.weight * min((now - begun) / (pace * job.weight), 0.95) for job, begun in running.values())
-        self._told = min(max(self._told, (self._done + likely) / self._weight), 1.0)
+        partial = sum(job.weight * min((now - start) / (pace * job.weight), 0.95) for job, start in running.values())
+        self._told = min(max(self._told, (self._done + partial) / self._weight), 1.0)
         self._report(self._told)
 
 
-# in the other processes ----------------------------------------------------------------------------------------------
+# in the worker processes ---------------------------------------------------------------------------------------------
 
 
 def serve() -> None:
     """Run the jobs that arrive on standard input, one a line, and answer each with a line; end when it closes."""
     with suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C and ends this process
-    _served.append(True)
+    _worker_flags.append(True)
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(lines,), daemon=True).start()
     while True:
         module, function, *arguments = json.loads(lines.get())
-        with suppress(Exception):  # what fails here fails again, and is reported, where it is needed
+        with suppress(Exception):  # a failing job fails again, and is reported, when the function is first called
             getattr(import_module(module), function)(*arguments)
         sys.stdout.write("done\n")
         sys.stdout.flush()

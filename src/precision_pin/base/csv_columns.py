@@ -28,21 +28,27 @@ from precision_pin.base.files import UnreadableFileError, read_text_file
 from precision_pin.base.units import QUANTITIES, Quantity
 
 LARGEST_FILE: Final = 16 * 2**20
+"""Bytes of a file: some 750,000 rows of two numbers, which take 1 s to read, or 10 s if a column holds text."""
 
 MOST_COLUMNS: Final = 1000
 """A file with more columns has another form, such as all numbers in its first line."""
 
+# a name with an optional unit in brackets; the name is needed in a header, and may be missing in the `columns` option
 _HEADING: Final = re.compile(r"([^\[\]]+)(?:\[([^\[\]]*)\])?")
 _COLUMN: Final = re.compile(r"([^\[\]]*)(?:\[([^\[\]]*)\])?")
 NUMBER: Final = re.compile(r"[+-]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d++)?", re.ASCII)
+"""Decimal number; stricter than ``float``, which also accepts ``1_000``, ``nan`` and digits of other scripts."""
+# any other character goes to the slow reader, whose messages name the cell: numpy, too, accepts what `NUMBER` does not
 _NOT_PLAIN: Final = re.compile(r"[^0-9eE+\-., \t]")
 _LONGEST: Final = 40
+"""Characters of a cell that a message shows, next to the file's name and line."""
 IGNORE: Final = "ignore"
+"""Name that drops a column in the `columns` option."""
 
 
 @dataclass(frozen=True)
 class ColumnNames:
-    """Names and units of columns whose header does not give them.
+    """Names and units of columns without them in the header.
 
     Attributes:
         names: (Name, unit or "") by the column's name in the file; the name ``ignore`` drops the column.
@@ -68,7 +74,7 @@ class ColumnNames:
             name, unit = (match[1] or "").strip(), (match[2] or "").strip()
             if column == "*":
                 units = tuple(unit.split())
-                unknown = next((one for one in units if not any(one in each.units for each in QUANTITIES)), None)
+                unknown = next((u for u in units if not any(u in q.units for q in QUANTITIES)), None)
                 if unknown is not None:
                     raise UnitError(
                         f"columns: {shown(unknown, _LONGEST)} is not a unit; of lengths and angles: *=[m rad]"
@@ -82,13 +88,13 @@ class ColumnNames:
         for column in self.names:
             if column not in header:
                 raise InputError(f"{where}: there is no column {column!r}; {nearest(column, header)}")
-        named = [(*self.names.get(column, (column, "")), own) for column, own in header.items()]
-        found = [(name, unit or own) for name, unit, own in named]
-        names = [name for name, _ in found if name != IGNORE]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise InputError(f"{where}: two columns are named {shown(twice, _LONGEST)}")
-        return found
+        renamed = [(*self.names.get(column, (column, "")), header_unit) for column, header_unit in header.items()]
+        columns = [(name, unit or header_unit) for name, unit, header_unit in renamed]
+        names = [name for name, _ in columns if name != IGNORE]
+        duplicate = next((name for name in names if names.count(name) > 1), None)
+        if duplicate is not None:
+            raise InputError(f"{where}: two columns are named {shown(duplicate, _LONGEST)}")
+        return columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +105,7 @@ class Measured:
         units: Units of the columns, as written; empty for a plain number.
         rows: ``(R, C)`` numbers as written, not in SI.
         texts: Text columns by name; ignored ones by their name in the file.
-        usual: Units of columns that have none, one of each quantity.
+        usual: Default units of columns without a unit, one of each quantity.
         lines: ``(R,)`` line of each row in the file.
     """
 
@@ -118,24 +124,24 @@ class Measured:
         return self.units[self.names.index(name)]
 
     def unit_of(self, name: str, *quantities: Quantity) -> str:
-        """Return a column's unit, or else the usual one of these quantities; empty if there is neither."""
+        """Return a column's unit, or else the default unit of these quantities; empty if there is neither."""
         allowed = {unit for quantity in quantities for unit in quantity.units}
         return self.unit(name) or next(filter(allowed.__contains__, self.usual), "")
 
     def column(self, name: str, *quantities: Quantity) -> tuple[float, ...]:
         """Return a column's numbers in SI; NaN for missing cells."""
         unit = self.unit_of(name, *quantities)
-        wanted = " or ".join(quantity.name for quantity in quantities)
+        kinds = " or ".join(quantity.name for quantity in quantities)
         if not unit and not any("" in quantity.units for quantity in quantities):
             si = quantities[0].si
             raise UnitError(
-                f"{self.file}: the column {name!r} has no unit; write the unit of a {wanted} after its name: {name} [{si}]"
+                f"{self.file}: the column {name!r} has no unit; write the unit of a {kinds} after its name: {name} [{si}]"
             )
         try:
             factor = units.parse(f"1 {unit}", *quantities)
         except UnitError:
             allowed = ", ".join(dict.fromkeys(unit for quantity in quantities for unit in quantity.units if unit))
-            message = f"{self.file}: {unit!r} of the column {name!r} is not a unit of {wanted}; allowed: {allowed}"
+            message = f"{self.file}: {unit!r} of the column {name!r} is not a unit of {kinds}; allowed: {allowed}"
             raise UnitError(message) from None
         with np.errstate(over="ignore"):
             values = self.rows[:, self.names.index(name)] * factor
@@ -156,7 +162,7 @@ def read(
 
     Args:
         texts: Names of text columns, if the file has them; all others hold numbers.
-        columns: Names and units where the header does not give them.
+        columns: Names and units that the header lacks.
         ignored: Names, in lower case, of columns to skip.
         may_miss: Whether a cell may be empty, nan or NA; it becomes NaN.
     """
@@ -165,48 +171,48 @@ def read(
         numbered = enumerate(read_text_file(file, LARGEST_FILE).splitlines(), start=1)
     except UnreadableFileError as error:
         raise InputError(f"{file} {error.reason}") from None
-    lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    lines = [(n, line) for n, line in numbered if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 2:
         message = f"{file} contains no rows of numbers; it needs a header such as 'x [mm], y [mm]' and rows of numbers"
         raise InputError(message)
-    number, line = lines[0]
-    where = f"{file}, line {number}"
-    named = columns or ColumnNames()
-    own = _header(_cells(line, where), where)
+    n, line = lines[0]
+    where = f"{file}, line {n}"
+    column_names = columns or ColumnNames()
+    header_units = _header(_cells(line, where), where)
     header = [
         (column if is_ignored else name, unit, is_ignored or name in texts)
-        for column, (name, unit) in zip(own, named.of(own, where), strict=True)
+        for column, (name, unit) in zip(header_units, column_names.of(header_units, where), strict=True)
         for is_ignored in (name == IGNORE or name.casefold() in ignored,)
     ]
-    wordy = [column for column, (_, _, is_text) in enumerate(header) if is_text]
-    rows = None if wordy else numbers([line for _, line in lines[1:]], len(header))
-    words: list[list[str]] = []
+    text_columns = [column for column, (_, _, is_text) in enumerate(header) if is_text]
+    rows = None if text_columns else numbers([line for _, line in lines[1:]], len(header))
+    text_rows: list[list[str]] = []
     if rows is None:
-        found = [_row(line, len(header), wordy, f"{file}, line {number}", may_miss) for number, line in lines[1:]]
-        rows, words = np.array([row for row, _ in found]), [cells for _, cells in found]
-    plain = [entry for entry in header if not entry[2]]
+        parsed = [_row(line, len(header), text_columns, f"{file}, line {n}", may_miss) for n, line in lines[1:]]
+        rows, text_rows = np.array([row for row, _ in parsed]), [cells for _, cells in parsed]
+    number_columns = [entry for entry in header if not entry[2]]
     return Measured(
         file,
-        tuple(name for name, _, _ in plain),
-        tuple(unit for _, unit, _ in plain),
+        tuple(name for name, _, _ in number_columns),
+        tuple(unit for _, unit, _ in number_columns),
         rows,
-        {header[column][0]: tuple(cells[k] for cells in words) for k, column in enumerate(wordy)},
-        named.units,
-        tuple(number for number, _ in lines[1:]),
+        {header[column][0]: tuple(cells[k] for cells in text_rows) for k, column in enumerate(text_columns)},
+        column_names.units,
+        tuple(n for n, _ in lines[1:]),
     )
 
 
 def numbers(lines: Sequence[str], columns: int) -> Array | None:
-    """Return comma-separated lines of plain numbers, parsed at once, ``(R, C)``; None if any cell is something else."""
+    """Return comma-separated lines of plain numbers, parsed together, ``(R, C)``; None if any cell is not a number."""
     if any(map(_NOT_PLAIN.search, lines)):
         return None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy warns about input without data
-            found = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+            rows = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except (ValueError, UserWarning):
         return None
-    return found if found.shape == (len(lines), columns) and np.isfinite(found).all() else None
+    return rows if rows.shape == (len(lines), columns) and np.isfinite(rows).all() else None
 
 
 def _cells(line: str, where: str) -> list[str]:
@@ -218,17 +224,19 @@ def _cells(line: str, where: str) -> list[str]:
         raise InputError(f"{where}: not a row of cells separated by commas: {error}") from None
 
 
-def _row(line: str, columns: int, wordy: Sequence[int], where: str, may_miss: bool) -> tuple[list[float], list[str]]:
-    """Return the numbers of a line, and the texts of its columns ``wordy``."""
+def _row(
+    line: str, columns: int, text_columns: Sequence[int], where: str, may_miss: bool
+) -> tuple[list[float], list[str]]:
+    """Return the numbers of a line, and the texts of its ``text_columns``."""
     cells = _cells(line, where)
     if len(cells) != columns:
         raise InputError(f"{where}: {len(cells)} cells, but the header has {columns}")
-    found = [
+    row_numbers = [
         math.nan if may_miss and cell.casefold() in ("", "nan", "na", "n/a", "null") else _number(cell, where)
         for column, cell in enumerate(cells)
-        if column not in wordy
+        if column not in text_columns
     ]
-    return found, [cells[column] for column in wordy]
+    return row_numbers, [cells[column] for column in text_columns]
 
 
 def _header(cells: list[str], where: str) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Every exception and warning of the package, and the user's names in messages, on one line of limited length.
+"""Exceptions and warnings of the package; names and messages shortened to one line.
 
 The tree::
 
@@ -8,10 +8,10 @@ The tree::
     │   ├── SheetError           a sheet cannot be used
     │   ├── UnitError            a number with a wrong or missing unit
     │   ├── UnknownNameError     a joint, link, frame, pose … that does not exist
-    │   └── OutputError          a result cannot be written where asked
-    └── InternalError            a check of our own failed: a bug here, not in the input
+    │   └── OutputError          a result cannot be written to the requested path
+    └── InternalError            an internal check failed: a bug in the package, not in the input
 
-    PrecisionPinWarning(UserWarning)   an assumption is being stretched
+    PrecisionPinWarning(UserWarning)   an assumption may not hold
 
 A *finding* is one line about the input: ``file:line: error|warning|note CODE: what, and what is allowed``.
 """
@@ -29,17 +29,19 @@ from functools import wraps
 from typing import Final, Literal, ParamSpec, TypeVar
 
 LONGEST_LINE: Final = 2000
-"""Most characters of a message."""
+"""Maximum length of a message (characters): lists of names fit, a file's content quoted by mistake does not."""
 
 _LONGEST_NAME: Final = 80
+"""Maximum length of a name in a message: a terminal line; the names of common URDFs have up to 40 characters."""
 _LONGEST_WORD: Final = 260
-"""The longest file name that systems allow."""
+"""Maximum length of a word in a message: the longest file names (255 bytes on Linux) stay whole."""
 
 _WORD: Final = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
+"""Words to be cut."""
 
 
 def shortened(text: str, most: int = _LONGEST_NAME) -> str:
-    """Return a text of at most ``most`` characters; a longer one loses its middle."""
+    """Return a text of at most ``most`` characters; longer texts lose their middle."""
     if len(text) <= most:
         return text
     tail = most // 4
@@ -51,7 +53,7 @@ def visible(text: str, most: int = _LONGEST_NAME) -> str:
     text = shortened(text, most)
     if text.isprintable():
         return text
-    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+    return "".join(character if character.isprintable() else repr(character)[1:-1] for character in text)
 
 
 def shown(text: str, most: int = _LONGEST_NAME) -> str:
@@ -60,33 +62,33 @@ def shown(text: str, most: int = _LONGEST_NAME) -> str:
 
 
 def some(names: Sequence[str], most: int, between: str = ", ") -> str:
-    """Return the first names as text, and the number of the others."""
+    """Return the first ``most`` names as text, and the number of the others."""
     more = f" and {len(names) - most:,} more" if len(names) > most else ""
     return between.join(names[:most]) + more
 
 
 def one_line(text: str, most: int = LONGEST_LINE) -> str:
     """Return a message as one line: unprintable characters escaped, long words and long texts cut in the middle."""
-    # cut first, so that no search goes through millions of characters
+    # cut first: a text may have millions of characters
     text = visible(shortened(text, 10 * most), 10 * most)
     return shortened(_WORD.sub(lambda word: shortened(word[0], _LONGEST_WORD // 2), text), most)
 
 
 MOST_COMPARED: Final = 500
 LONGEST_COMPARED: Final = 100
-"""Most names, and most letters of a name, that are compared to suggest one."""
+"""Names compared to suggest one, and their maximum length: 30 ms for names of common length, 1.5 s for the longest."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One remark about an input.
+    """Error, warning or note about an input.
 
     Attributes:
-        severity: ``"error"`` refuses the input, ``"warning"`` lets it pass; ``"note"``: nothing is wrong, or the sheet
-            accepts it.
+        severity: ``"error"`` rejects the input, ``"warning"`` accepts it; ``"note"``: nothing is wrong, or the sheet
+            accepts the warning.
         code: Stable identifier such as ``E_AXIS_ZERO`` or ``W_UNITS``.
-        message: What is wrong and what is allowed, one line.
-        file, line: Where, if known; lines count from 1.
+        message: Fault and allowed values, one line.
+        file, line: Location, if known; lines count from 1.
         subjects: All links and joints that a warning lists, as ``link 'name'``; the message may show fewer.
     """
 
@@ -105,28 +107,28 @@ class Finding:
         return f"{where}: {self.severity} {self.code}: {one_line(self.message)}"
 
     def to_dict(self) -> dict[str, str | int | None]:
-        """Return the finding as results have it in their JSON."""
+        """Return the finding as in the JSON of results."""
         return {name: getattr(self, name) for name in ("severity", "code", "message", "file", "line")}
 
     def at(self, file: str | None, line: int | None) -> Finding:
-        """Return the finding with a file and line, if it has none."""
+        """Return the finding with this file and line, unless it has a location."""
         return replace(self, file=self.file or file, line=self.line if self.line is not None else line)
 
     def accepted(self, reasons: Mapping[str, str]) -> Finding:
-        """Return a warning whose code a sheet accepts as a note with its reason; other findings unchanged."""
+        """Return a warning as a note with the sheet's reason if the sheet accepts its code; else the finding itself."""
         if self.severity != "warning" or self.code not in reasons:
             return self
         return replace(self, severity="note", message=f"{self.message}; accepted: {reasons[self.code]}")
 
 
 def is_note(line: str) -> bool:
-    """Return whether a line is a note, which commands do not repeat and calls do not warn of."""
-    found = re.search(r": (error|warning|note) [A-Z]_\w+: ", line)
-    return found is not None and found[1] == "note"
+    """Return whether a line is a note; commands do not repeat notes, and calls do not warn of them."""
+    severity = re.search(r": (error|warning|note) [A-Z]_\w+: ", line)
+    return severity is not None and severity[1] == "note"
 
 
 class PrecisionPinError(Exception):
-    """Base of every exception the package raises on purpose."""
+    """Base of the exceptions of the package."""
 
 
 class InputError(PrecisionPinError):
@@ -153,7 +155,7 @@ class InputError(PrecisionPinError):
 
     @classmethod
     def of(cls, code: str, message: str, file: str | None = None, line: int | None = None) -> InputError:
-        """Return the error of one finding."""
+        """Return the error with a single finding."""
         return cls([Finding("error", code, message, file, line)])
 
     def __reduce__(self) -> tuple[Callable[..., InputError], tuple[type[InputError], dict[str, object]]]:
@@ -187,7 +189,7 @@ class UnitError(InputError):
 
 
 class UnknownNameError(InputError):
-    """A name that does not exist, of a ``kind`` such as ``"joint"``; the message gives the nearest valid ones."""
+    """A ``kind`` (such as ``"joint"``) has no element of this name; the message gives the nearest valid names."""
 
     code = "E_NAME"
 
@@ -197,7 +199,7 @@ class UnknownNameError(InputError):
 
 
 class OutputError(InputError):
-    """A result cannot be written where asked."""
+    """A result cannot be written to the requested path."""
 
     code = "E_OUTPUT"
 
@@ -207,7 +209,7 @@ class InternalError(PrecisionPinError):
 
 
 class PrecisionPinWarning(UserWarning):
-    """An assumption is being stretched; the result says which."""
+    """An assumption may not hold; the result says which."""
 
 
 def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
@@ -215,9 +217,9 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
     names = sorted(set(valid))
     if not names:
         return "there are none"
-    beside = bisect.bisect(names, name)
-    # comparing many or long names is slow: only neighbours in the sorted list, which begin alike, are compared
-    near = names[max(beside - MOST_COMPARED // 2, 0) : beside + MOST_COMPARED // 2]
+    position = bisect.bisect(names, name)
+    # comparing many names is slow: only neighbours in the sorted list, which begin alike, are compared
+    near = names[max(position - MOST_COMPARED // 2, 0) : position + MOST_COMPARED // 2]
     short = [candidate for candidate in near if len(candidate) <= LONGEST_COMPARED]
     import difflib  # imported late: every start loads this module, few need it
 
@@ -227,14 +229,15 @@ def nearest(name: str, valid: Iterable[str], *, most: int = 12) -> str:
         close = [folded[name.casefold()]] if name.casefold() in folded else []
     if close:
         return "did you mean " + " or ".join(repr(candidate) for candidate in close) + "?"
-    listed = ", ".join(map(visible, names[:most]))
-    return f"valid: {listed}" + (f", … ({len(names)} in all)" if len(names) > most else "")
+    choices = ", ".join(map(visible, names[:most]))
+    return f"valid: {choices}" + (f", … ({len(names)} in all)" if len(names) > most else "")
 
 
-Given = ParamSpec("Given")
+Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
 _added: Final[ContextVar[list[str] | None]] = ContextVar("added", default=None)
+"""Warnings of the current public call; a context variable, because calls in several threads must not mix theirs."""
 
 
 def add(findings: Iterable[Finding | str]) -> None:
@@ -246,27 +249,27 @@ def add(findings: Iterable[Finding | str]) -> None:
 
 @contextmanager
 def unheard() -> Iterator[None]:
-    """Drop the findings added in a ``with`` block: of some poses of a call that warns of all of them itself."""
-    before = _added.set([])
+    """Drop the findings added in a ``with`` block: those of single poses, if the caller warns of all poses itself."""
+    token = _added.set([])
     try:
         yield
     finally:
-        _added.reset(before)
+        _added.reset(token)
 
 
-def warns_at_end(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Make a public function emit its queued warnings at the end; a nested call leaves that to the outer one."""
+def warns_at_end(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Make a public function emit its queued warnings at the end; nested calls leave theirs to the outermost call."""
 
     @wraps(function)
-    def called(*arguments: Given.args, **options: Given.kwargs) -> Result:
+    def called(*arguments: Parameters.args, **options: Parameters.kwargs) -> Result:
         if _added.get() is not None:
             return function(*arguments, **options)
         lines: list[str] = []
-        before = _added.set(lines)
+        token = _added.set(lines)
         try:
             result = function(*arguments, **options)
         finally:
-            _added.reset(before)
+            _added.reset(token)
         for line in dict.fromkeys(lines):
             warnings.warn(line, PrecisionPinWarning, stacklevel=2)
         return result

@@ -1,7 +1,7 @@
-"""Analyses, sources and laws that other packages install, found by their entry points.
+"""Analyses, sources and laws installed by other packages, found by their entry points.
 
-A package names what it adds in the groups ``precision_pin.analyses`` (a declaration), ``precision_pin.sources`` and
-``precision_pin.laws`` (a class). What cannot be used is left out, with the reason.
+The entry points have the groups ``precision_pin.analyses`` (declarations), ``precision_pin.sources`` and
+``precision_pin.laws`` (classes). Unusable extensions are omitted, with the reason.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ GROUPS: Final = ("analyses", "sources", "laws")
 
 
 class Extension(NamedTuple):
-    """Something that another package installs.
+    """Extension installed by another package.
 
     Attributes:
         name, place, package: Name and ``module:name`` of the entry point; name and version of the package.
-        value: The object; None if it cannot be used.
-        error: Why it cannot be used.
+        value: The object; None if unusable.
+        error: Reason why it is unusable, or empty.
     """
 
     name: str
@@ -33,18 +33,18 @@ class Extension(NamedTuple):
 
     @property
     def finding(self) -> Finding:
-        """Warning that an extension is left out."""
+        """Warning that an extension is omitted."""
         message = f"{self.name} of {self.package} ({self.place}) is left out: {self.error}"
         return Finding("warning", "W_EXTENSION", message)
 
 
 @cache
 def find_extensions(kind: str, check: Callable[[Any], str]) -> tuple[Extension, ...]:
-    """Return the extensions of a kind of :data:`GROUPS`; ``check`` returns why an object cannot be used, or no text."""
+    """Return the extensions of a kind of :data:`GROUPS`; ``check`` returns why an object is unusable, or no text."""
     # imported late: it takes 50 ms
     from importlib.metadata import entry_points
 
-    found = []
+    extensions = []
     for point in sorted(entry_points(group=f"precision_pin.{kind}"), key=lambda point: point.name):
         value, error = None, ""
         try:
@@ -53,5 +53,5 @@ def find_extensions(kind: str, check: Callable[[Any], str]) -> tuple[Extension, 
         except Exception as problem:  # noqa: BLE001 - code of others can raise anything
             error = one_line(f"{type(problem).__name__}: {problem}")
         package = "" if point.dist is None else f"{point.dist.name} {point.dist.version}"
-        found.append(Extension(point.name, point.value, package, None if error else value, error))
-    return tuple(found)
+        extensions.append(Extension(point.name, point.value, package, None if error else value, error))
+    return tuple(extensions)

@@ -1,4 +1,4 @@
-"""Reading files that users name, and writing files and folders, whole or not at all.
+"""Reading of files that users name, and atomic writing of files and folders.
 
 Until complete, a file has a temporary name ending in ``.part``; an error or a signal that ends the program removes it.
 """
@@ -63,7 +63,7 @@ def require_writable(path: str | os.PathLike[str], *, folder: bool = False) -> N
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a UTF-8 file, whole or not at all; follows links, and writes straight into a device or pipe."""
+    """Write a UTF-8 file atomically; follows links, and writes directly to a device or pipe."""
     # surrogates, which stand for bytes of a file name that are not UTF-8, are escaped as in JSON
     write_files({path: text.encode("utf-8", errors="backslashreplace")})
 
@@ -140,7 +140,7 @@ def _move_all(stage: Path, target: Path, path: Path) -> None:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Lock a folder while files move into it: of two processes, the last one's files are all there."""
+    """Lock a folder while files move into it: if two processes write, all files of the last one remain."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         with suppress(OSError):  # a file system without locks
@@ -168,12 +168,15 @@ def _unwritable(what: str, error: Exception) -> OutputError:
     return OutputError(f"{what}: {getattr(error, 'strerror', None) or error}")
 
 
+# mount points of virtual file systems, see `is_regular`
 _KERNEL_FOLDERS: Final = (
     "/proc", "/sys", "/sys/fs/cgroup", "/sys/kernel/debug", "/sys/kernel/tracing", "/sys/kernel/security", "/sys/fs/bpf",
 )  # fmt: skip
 _MIB: Final = 2**20
+"""Bytes of a mebibyte, for messages."""
 
 _noted: Final[ContextVar[list[str] | None]] = ContextVar("noted_inputs", default=None)
+"""Files read in the innermost `noted_inputs` block; a context variable, because threads must not mix theirs."""
 
 
 @contextmanager
@@ -201,7 +204,7 @@ class UnreadableFileError(Exception):
         kind: The cause; ``"kind"`` is not a regular file, ``"text"`` not UTF-8, ``"system"`` any other error of the
             system.
         reason: Text that follows the file's name in a message: "does not exist", ….
-        found: What the path is, if not a regular file: "a directory", …; else empty.
+        found: Kind of a path that is not a regular file: "a directory", …; else empty.
     """
 
     def __init__(
@@ -262,8 +265,8 @@ def _virtual_devices() -> frozenset[int]:
 
 def _require_regular(status: os.stat_result) -> None:
     if not is_regular(status):
-        found = _describe_kind(status.st_mode)
-        raise UnreadableFileError("kind", f"is not a regular file but {found}", found)
+        description = _describe_kind(status.st_mode)
+        raise UnreadableFileError("kind", f"is not a regular file but {description}", description)
 
 
 def _describe_kind(mode: int) -> str:

@@ -1,10 +1,10 @@
-"""Signals that end the program: Ctrl-C, ``kill``, closing the terminal. Nothing half-written stays behind.
+"""Signals that end the program: Ctrl-C, ``kill``, closing the terminal. No partial file remains.
 
 A signal ends the process at once, with exit code 128 + its number, after partial files are removed and child processes
-killed. It raises no exception, because one raised inside an import or a compiler's callback is lost or turned into
-another. Only where something is to be kept (:func:`unwinding`) is KeyboardInterrupt raised; in a compiler or finaliser,
-after that is done (:func:`raise_if_interrupted`). If the process does not end, or is deep in a library and cannot
-react, a thread ends it after some seconds. The program imports this module first, so it imports almost nothing.
+killed. It raises no exception, because an exception raised inside an import or a compiler's callback is lost or turned
+into another. KeyboardInterrupt is raised only while results must be saved (:func:`unwinding`); in a compiler or
+finaliser, after it has returned (:func:`raise_if_interrupted`). If the process does not end, or a library prevents it
+from reacting, a thread ends it after some seconds. The program imports this module first, so it imports almost nothing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ NAMES: Final[dict[int, str]] = {signal.SIGINT: "interrupted", signal.SIGTERM: "t
 
 PATIENCE: Final = 1.0
 LONG_PATIENCE: Final = 15.0
-"""Seconds until the thread ends a process that does not react to a signal; the second while it unwinds."""
+"""Seconds until the thread ends a process that does not react to a signal, and one that still saves results.
+
+A shorter patience would cut off clean-up on a busy machine; after a longer one, users press Ctrl-C again.
+"""
 
 _LOSING: Final = (f"{os.sep}llvmlite{os.sep}", f"{os.sep}numba{os.sep}", "weakref")
 """Parts of file names whose functions are called back from C, where an exception is printed and lost."""
@@ -47,12 +50,12 @@ def take_over() -> None:
     """Install handlers; leave signals that are ignored (``nohup``) or already handled as they are."""
     global _state
     _state = _State()
-    for number, usual in (
+    for number, default in (
         (signal.SIGINT, signal.default_int_handler),
         (signal.SIGTERM, signal.SIG_DFL),
         (signal.SIGHUP, signal.SIG_DFL),
     ):
-        if signal.getsignal(number) is usual:
+        if signal.getsignal(number) is default:
             try:
                 signal.signal(number, _heed)
             except ValueError:  # not the main thread
@@ -111,7 +114,7 @@ def unwinding() -> Iterator[None]:
 
 @contextmanager
 def held() -> Iterator[None]:
-    """Defer signals to the end of the block: for short work that must not be cut."""
+    """Defer signals to the end of the block: for short work that must not be interrupted."""
     _state.held += 1
     try:
         yield
@@ -179,7 +182,7 @@ def _leave() -> None:
     while _state.leaving:  # another thread is ending the process
         signal.pause()
     _state.leaving = True
-    with suppress(ValueError):  # not the main thread; its handler waits for this one
+    with suppress(ValueError):  # not the main thread, whose handler waits for this thread
         for number in _state.taken:
             signal.signal(number, signal.SIG_IGN)
     _end_processes()

@@ -1,7 +1,7 @@
 """Functions compiled by numba: options, cache on disk, and calls that survive a damaged cache.
 
-The cache may hold a truncated file (full disk, killed process), be read-only, or run out of disk while saving. None of
-these may stop a computation.
+The cache may hold a truncated file (full disk, killed process), be read-only, or run out of disk while saving. No such
+fault may stop a computation.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 _configuration: Any = numba.config
 INTERPRETED: Final = bool(_configuration.DISABLE_JIT)
-"""Whether NUMBA_DISABLE_JIT=1 runs all this as plain Python, as for coverage."""
+"""Whether NUMBA_DISABLE_JIT=1 runs compiled functions as plain Python, as for coverage."""
 
 # numba's types do not know all options; _nrt=False: references are not counted, which costs atomic operations at every
 # view of an array; hence no arrays can be made inside
@@ -56,7 +56,7 @@ def fma(function: Function) -> Function:
 
 
 def fma_noinline(function: Function) -> Function:
-    """Compile as `fma`, but not inlined: together with the caller's constants, its own would exceed the registers."""
+    """Compile as `fma`, but not inlined: its constants and those of the caller would exceed the registers."""
     return cast("Function", _inner(forceinline=False, fastmath={"contract"})(function))
 
 
@@ -80,7 +80,7 @@ def call(
 ) -> Any:
     """Call an outermost function, compiled or loaded on first use, and return its result.
 
-    An unusable cache is deleted first; if that does not help, this process does without one.
+    An unusable cache is deleted first; if that does not help, this process uses no cache.
 
     Args:
         variant: Distinguishes arguments of different numba types.
@@ -109,7 +109,7 @@ def make_ready(function: Any, arguments: tuple[Any, ...]) -> None:
                 function.compile(types)
             if types in function.overloads:
                 return
-            # two processes that save two variants at once may swap them: the code loaded is another's
+            # two processes that save two variants at once may swap them: the loaded code is then that of the other
         except _TROUBLES:
             if remedy is None:
                 raise
@@ -126,7 +126,7 @@ def is_kept(function: Any, arguments: tuple[Any, ...]) -> bool:
     if types in function.overloads:
         return True
     try:
-        # numba has no public way to ask; the index reads as empty if it is of another version or source
+        # numba has no public function for this; the index reads as empty if it is of another version or source
         processor = cpu_target.target_context.codegen().magic_tuple()
         return any(key[:2] == (types, processor) for key in function._cache._cache_file._load_index())
     except _TROUBLES:
@@ -148,7 +148,7 @@ _TROUBLES: Final = (
     ImportError,
     AttributeError,
     RuntimeError,
-    NumbaError,  # wraps any of the others when it occurs in a part
+    NumbaError,  # wraps any of the others if it occurs in a part
 )
 """Exceptions of reading, writing or unpickling a damaged cache file."""
 
@@ -156,6 +156,7 @@ _ready: Final[set[tuple[Any, Hashable]]] = set()
 """Functions and variants that this process has compiled or loaded."""
 
 _making_ready: Final = threading.Lock()
+"""Held while a function is compiled or loaded: numba's compiler is not thread-safe, and others would repeat the work."""
 
 _all_kept: Final[dict[Path, list[Any]]] = {}
 """Functions that are cached on disk, by source file."""

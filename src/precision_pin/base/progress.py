@@ -17,7 +17,7 @@ from precision_pin.base.errors import InputError
 def progress(
     total: int, what: str = "sampling", *, delay: float = 0.7, unit: str = "samples"
 ) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar while the body of a ``with`` runs; yields the function to report each step to.
+    """Show a progress bar while the body of a ``with`` runs; yields the function that takes the number of new steps.
 
     In a notebook it is a bar below the cell (text without ipywidgets), on a terminal a line on stderr, elsewhere
     nothing. It disappears at the end, also after an error or an interrupt. The one-time compilation of the sampler is
@@ -27,7 +27,7 @@ def progress(
         total: Number of steps.
         what: Label before the bar.
         delay: Seconds before it appears.
-        unit: What a step is.
+        unit: Name of a step, in the plural.
 
     Raises:
         InputError: The total is not a whole number of zero or more.
@@ -95,8 +95,8 @@ def compilation() -> Iterator[Callable[[float], None]]:
         total=1.0, desc=COMPILING, bar_format="{desc}: {percentage:3.0f}%|{bar:20}| {elapsed}<{remaining}"
     ) as bar:
 
-        def show(share: float) -> None:
-            bar.n = max(bar.n, share)
+        def show(fraction: float) -> None:
+            bar.n = max(bar.n, fraction)
             bar.refresh()
 
         yield show

@@ -33,12 +33,12 @@ def _trigonometric_series(angle: Array) -> tuple[Array, Array, Array]:
     versine = np.where(
         small, 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90))), half * half / 2
     )
-    third = np.where(
+    cubic = np.where(
         small,
         (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110)))) / 6,
         (safe - np.sin(safe)) / safe**3,
     )
-    return sinc, versine, third
+    return sinc, versine, cubic
 
 
 def _series_of_one(angle: float) -> tuple[float, float, float]:
@@ -124,10 +124,10 @@ def left_jacobian_inverse(vector: ArrayLike) -> Array:
 def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     """Return the rotation by ``angle`` (rad, scalar or ``(N,)``) about a unit ``axis`` ``(3,)``."""
     a = np.asarray(axis, dtype=float)
-    turn = np.asarray(angle, dtype=float)
+    radians = np.asarray(angle, dtype=float)
     cross = skew(a)
-    expand = (...,) + (None,) * turn.ndim
-    return np.eye(3)[expand] + np.sin(turn) * cross[expand] + 2 * np.sin(turn / 2) ** 2 * (cross @ cross)[expand]
+    expand = (...,) + (None,) * radians.ndim
+    return np.eye(3)[expand] + np.sin(radians) * cross[expand] + 2 * np.sin(radians / 2) ** 2 * (cross @ cross)[expand]
 
 
 def rpy_rotation(rpy: ArrayLike) -> Array:

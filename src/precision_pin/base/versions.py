@@ -8,7 +8,7 @@ from platform import python_version
 
 
 def versions(*further: str) -> dict[str, str]:
-    """Return the versions a result depends on, and those of further distributions; ``unknown`` without metadata."""
+    """Return the versions on which a result depends, and of further distributions; ``unknown`` without metadata."""
     names = ("precision-pin", "pin", "numpy", "scipy", "numba", *further)
     return {"python": python_version(), **{name: _version(name) for name in names}}
 

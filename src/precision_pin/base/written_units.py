@@ -1,4 +1,4 @@
-"""Units in which values read well."""
+"""Units for display, chosen by the size of the values."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ class WrittenUnit:
 
     @classmethod
     def suiting(cls, quantity: Quantity | None, sizes: Iterable[float]) -> WrittenUnit:
-        """Return the unit the quantity was written in, or else one in which the largest size (SI) reads well."""
+        """Return the unit in which the quantity was written, or else the unit of its ladder for the largest size (SI)."""
         if quantity is None:
             return cls("SI", 1.0)
-        if quantity.written not in ("", quantity.si):  # 1e-6 rad/(N*m) reads better as 1 µrad/(N·m)
+        if quantity.written not in ("", quantity.si):  # instead of 1e-6 rad/(N*m): 1 µrad/(N·m)
             return cls(quantity.written.replace("*", "·"), 1 / quantity.units[quantity.written])
         largest = max((abs(size) for size in sizes), default=0.0)
         ladder = _LADDERS.get(quantity, ((quantity.si.replace("*", "·"), 1.0, 0.0),))
-        for name, per_si, least in ladder:
-            if largest * per_si >= least or largest == 0:
+        for name, per_si, minimum in ladder:
+            if largest * per_si >= minimum or largest == 0:
                 return cls(name, per_si)
         return cls(*ladder[-1][:2])
 

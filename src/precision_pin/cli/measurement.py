@@ -75,11 +75,11 @@ def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
 
 
 def _changed(stated: Measurement, options: Options) -> Measurement:
-    from precision_pin.sheet.measurement import ESTIMATE, OWN, Measurement
+    from precision_pin.sheet.measurement import ESTIMATE, KIND_SETTINGS, Measurement
 
     given: dict[str, Any] = {name: getattr(stated, name) for name in Measurement.__match_args__}
     if options["kind"] is not None and options["kind"] != stated.kind:
-        given = {name: value for name, value in given.items() if name not in OWN}
+        given = {name: value for name, value in given.items() if name not in KIND_SETTINGS}
     given |= {name: options[name] for name in ("kind", "columns") if options[name] is not None}
     if options["std"] is not None:
         given["std_known"] = options["std"].strip() != ESTIMATE

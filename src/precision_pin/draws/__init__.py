@@ -1,1 +1,1 @@
-"""Randomness: laws, correlation, formulas of random numbers, the counter-based generator."""
+"""Randomness: laws, correlation, formulas of random components, the counter-based generator."""

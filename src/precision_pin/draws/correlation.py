@@ -1,9 +1,9 @@
-"""Correlation between draws of one number: a Gaussian copula.
+"""Correlation between draws of one component: a Gaussian copula.
 
 The matrix is the correlation of the normal scores. Draw i has the score z_i = Σ_j L_ij n_j and the value F_i⁻¹(Φ(z_i)),
-with L L^T the matrix and n_j independent standard normal numbers, each from the stream of its own draw. The law of each
-draw stays. The Pearson correlation of the values follows from :func:`covariance_of`. (Nelsen, An Introduction to
-Copulas, 2nd ed., 2006, section 2.3; Cario and Nelson, 1997, who call the result NORTA.)
+with L L^T the matrix and n_j independent standard normal numbers from the streams of the draws. The distribution of
+each draw is unchanged. The Pearson correlation of the values follows from :func:`covariance_of`. (Nelsen, An
+Introduction to Copulas, 2nd ed., 2006, section 2.3; Cario and Nelson, 1997, who call the result NORTA.)
 """
 
 from __future__ import annotations
@@ -26,20 +26,21 @@ from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 
 LEAST_EIGENVALUE: Final = 1e-6
-"""Matrices with a smaller eigenvalue are refused: parameters that always move together are one parameter."""
+"""Matrices with a smaller eigenvalue are rejected: fully dependent parameters are one parameter."""
 
 MOST_TOGETHER: Final = 500
-"""Most parameters in one correlation."""
+"""Maximum number of parameters in one correlation: 125,000 pairs, whose integrals may take some milliseconds each."""
 
 _MOST_REPAIRED: Final = 40
-"""Largest size for which each entry is tried as the only wrong one, to name it in the message."""
+"""Largest size for which each entry is tried as the only wrong one, to name it in the message; time grows with size⁵."""
 
 _REACH: Final = 9.0
 """Integrals over a normal score end at ±9; the probability beyond is 2e-19."""
 
+# by their panels of a width, products of the laws' smooth parts are integrated to 1e-9 of the standard deviations
 _RULES: Final = tuple(
-    (*np.polynomial.legendre.leggauss(nodes), least, most)
-    for nodes, least, most in ((12, 0.1, math.inf), (4, 0.01, 0.1), (2, 0.0, 0.01))
+    (*np.polynomial.legendre.leggauss(nodes), shortest, longest)
+    for nodes, shortest, longest in ((12, 0.1, math.inf), (4, 0.01, 0.1), (2, 0.0, 0.01))
 )
 """Nodes and weights with the shortest and longest panel that they are for, in widths of the density's ridge."""
 
@@ -49,15 +50,15 @@ _ROWS: Final = 64
 
 @dataclass(frozen=True)
 class Correlation:
-    """Correlation of several draws of one number.
+    """Correlation of several draws of one component.
 
     Attributes:
         names: The draws.
         matrix: Correlation of their normal scores, row by row.
 
     Raises:
-        InputError: Fewer than two names, a name given twice, or a matrix of another size, not symmetric, without 1 on
-            its diagonal or not positive definite. In the last case the message names the pair whose entry needs the
+        InputError: Fewer than two names, a repeated name, or a matrix of another size, not symmetric, without 1 on its
+            diagonal or not positive definite. In the last case the message names the pair whose entry needs the
             smallest change; if no single entry suffices, the pair with the lowest C_ij v_i v_j, where v is the
             eigenvector of the smallest eigenvalue.
 
@@ -85,8 +86,8 @@ class Correlation:
                 f"at most {MOST_TOGETHER} can be correlated together"
             )
         if len(set(self.names)) < size:
-            twice = next(name for k, name in enumerate(self.names) if name in self.names[:k])
-            raise InputError(f"the correlation names {twice!r} twice")
+            duplicate = next(name for k, name in enumerate(self.names) if name in self.names[:k])
+            raise InputError(f"the correlation names {duplicate!r} twice")
         if len(self.matrix) != size or any(len(row) != size for row in self.matrix):
             shape = " and ".join(sorted({str(len(row)) for row in self.matrix}))
             raise InputError(
@@ -141,7 +142,7 @@ class Correlation:
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Positions of the names in alphabetical order, so that the numbers do not depend on the order given."""
+        """Positions of the names in alphabetical order, so that samples do not depend on the order of the names."""
         return tuple(sorted(range(len(self.names)), key=self.names.__getitem__))
 
     @cached_property
@@ -159,11 +160,11 @@ class Correlation:
     def mix(self, normals: Array) -> Array:
         """Return normal scores ``(m, N)`` for independent normal numbers ``(m, N)``, both in the order of the names.
 
-        Scores are cut off at ±8.6, the farthest single normal number drawn; fewer than one in 10¹⁶ lie beyond.
+        Scores are cut off at ±8.6, the largest normal number drawn; fewer than one in 10¹⁶ lie beyond.
         """
         scores = np.empty_like(normals)
         for k, target in enumerate(self.order):
-            # summed one by one: the last bits of numpy's matrix product depend on the number of columns
+            # summed one after another: the last bits of numpy's matrix product depend on the number of columns
             total = self.root[k, k] * normals[target]
             for j, other in enumerate(self.order[:k]):
                 total = total + self.root[k, j] * normals[other]
@@ -173,7 +174,7 @@ class Correlation:
 
 @dataclass(frozen=True, eq=False)
 class BlockCovariance(Fixed):
-    """Covariance of d numbers: variances ``(d,)``, and columns ``(m,)`` and covariance ``(m, m)`` of dependent ones."""
+    """Covariance of d components: variances ``(d,)``; columns ``(m,)`` and covariance ``(m, m)`` of dependent groups."""
 
     variances: Array
     blocks: tuple[tuple[NDArray[np.intp], Array], ...]
@@ -190,66 +191,66 @@ class BlockCovariance(Fixed):
             result[columns] = block @ vectors[columns]
         return result
 
-    def between(self, one: Array, other: Array) -> Array:
+    def between(self, first: Array, second: Array) -> Array:
         """Return the covariance ``(p, q)`` of linear combinations with slopes ``(p, d)`` and ``(q, d)``."""
-        return one @ self.times(other.T)
+        return first @ self.times(second.T)
 
     def variances_of(self, slopes: Array) -> Array:
         """Return the variances ``(p,)`` of linear combinations with slopes ``(p, d)``."""
         return np.einsum("ij,ji->i", slopes, self.times(slopes.T))
 
     def within(self, columns: ArrayLike) -> Array:
-        """Return the covariance ``(n, n)`` of n of the numbers."""
-        chosen = np.asarray(columns, dtype=np.intp)
-        result: Array = np.diag(self.variances[chosen])
-        place = np.full(self.variances.size, -1, dtype=np.intp)
-        place[chosen] = np.arange(chosen.size)
+        """Return the covariance ``(n, n)`` of n of the components."""
+        selection = np.asarray(columns, dtype=np.intp)
+        result: Array = np.diag(self.variances[selection])
+        rows = np.full(self.variances.size, -1, dtype=np.intp)
+        rows[selection] = np.arange(selection.size)
         for members, block in self.blocks:
-            here = np.flatnonzero(place[members] >= 0)
-            result[np.ix_(place[members[here]], place[members[here]])] = block[np.ix_(here, here)]
+            hits = np.flatnonzero(rows[members] >= 0)
+            result[np.ix_(rows[members[hits]], rows[members[hits]])] = block[np.ix_(hits, hits)]
         return result
 
     def scaled(self, factors: Array) -> BlockCovariance:
-        """Return the covariance of the numbers times factors ``(d,)``."""
+        """Return the covariance of the components times factors ``(d,)``."""
         blocks = ((columns, block * np.outer(factors[columns], factors[columns])) for columns, block in self.blocks)
         return BlockCovariance(self.variances * factors**2, tuple(blocks))
 
 
 def _allowed_interval(matrix: Array, i: int, j: int) -> tuple[float, float] | None:
     """Return the interval of an entry in which the matrix is positive definite, if any."""
-    # it is where the partial correlation of the two, given all others, lies between -1 and 1
+    # there the partial correlation of the two, given all others, is between -1 and 1
     others = [k for k in range(len(matrix)) if k not in (i, j)]
     pair = matrix[np.ix_(others, (i, j))]
-    rest = matrix[np.ix_(others, others)]
-    if others and np.linalg.eigvalsh(rest)[0] <= 0:
+    other_matrix = matrix[np.ix_(others, others)]
+    if others and np.linalg.eigvalsh(other_matrix)[0] <= 0:
         return None
-    explained = pair.T @ np.linalg.solve(rest, pair)
-    left = 1 - np.diag(explained)
-    if (left <= 0).any():
+    explained = pair.T @ np.linalg.solve(other_matrix, pair)
+    residual_variances = 1 - np.diag(explained)
+    if (residual_variances <= 0).any():
         return None
-    reach = math.sqrt(float(left.prod()))
-    return float(explained[0, 1]) - reach, float(explained[0, 1]) + reach
+    half_width = math.sqrt(float(residual_variances.prod()))
+    return float(explained[0, 1]) - half_width, float(explained[0, 1]) + half_width
 
 
 @lru_cache(maxsize=1024)
 def covariance_of(first: Law, second: Law, correlation: float) -> float:
-    """Return the covariance of two numbers whose normal scores are correlated.
+    """Return the covariance of two components whose normal scores are correlated.
 
     Normal, uniform (6/π asin(ρ/2), Pearson 1907) and lognormal pairs have closed forms. For other pairs it is the
     double integral of g_1(x) g_2(y) against the bivariate normal density, with g_i = F_i⁻¹ ∘ Φ, by composite
-    Gauss-Legendre quadrature. Panels are split where a law jumps or bends and are no wider than the density's ridge.
+    Gauss-Legendre quadrature. Panels are split at jumps and kinks of a law and are no wider than the density's ridge.
     The error is below 1e-9 of the product of the standard deviations.
     """
     if correlation == 0:
         return 0.0
-    closed = first.covariance_with(second, correlation)
-    if closed is not None:
-        return closed
+    closed_form = first.covariance_with(second, correlation)
+    if closed_form is not None:
+        return closed_form
     # a normal law goes first: its integral is cheaper
     for law, other in sorted(((first, second), (second, first)), key=lambda pair: not pair[0].is_normal):
-        single = law.covariance_by_scores(correlation, partial(_nodes_beyond, other))
-        if single is not None:
-            return single
+        integral = law.covariance_by_scores(correlation, partial(_nodes_beyond, other))
+        if integral is not None:
+            return integral
     width = math.sqrt((1 - correlation) * (1 + correlation))
     x, outer = _nodes(first, width, _REACH)
     y, inner = _nodes(second, width, _REACH)
@@ -265,25 +266,25 @@ def covariance_of(first: Law, second: Law, correlation: float) -> float:
     return total
 
 
-def _nodes_beyond(law: Law, further: float) -> tuple[Array, Array]:
-    return _nodes(law, 1.0, _REACH + further)
+def _nodes_beyond(law: Law, distance: float) -> tuple[Array, Array]:
+    return _nodes(law, 1.0, _REACH + distance)
 
 
-def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
-    """Return normal scores in rising order, and (value - mean) × density × weight at each."""
-    # panels are split where the law jumps or bends, and no wider than `width` or 1
-    count = math.ceil(2 * reach / min(width, 1.0))
+def _nodes(law: Law, width: float, limit: float) -> tuple[Array, Array]:
+    """Return normal scores in ascending order, and (value - mean) × density × weight at each."""
+    # panels are split at jumps and kinks of the law, and no wider than `width` or 1
+    count = math.ceil(2 * limit / min(width, 1.0))
     bends = lazy_special.ndtri(np.array(law.breaks, dtype=float))
-    edges = np.unique(np.concatenate([np.linspace(-reach, reach, count + 1), bends[np.abs(bends) < reach]]))
+    edges = np.unique(np.concatenate([np.linspace(-limit, limit, count + 1), bends[np.abs(bends) < limit]]))
     begin, length = edges[:-1], np.diff(edges)
     nodes, weights = [], []
-    for points, shares, least, most in _RULES:
-        chosen = (length > least * width) & (length <= most * width)
-        nodes.append((begin[chosen, None] + length[chosen, None] * (points + 1) / 2).ravel())
-        weights.append((length[chosen, None] * shares / 2).ravel())
+    for points, shares, shortest, longest in _RULES:
+        is_covered = (length > shortest * width) & (length <= longest * width)
+        nodes.append((begin[is_covered, None] + length[is_covered, None] * (points + 1) / 2).ravel())
+        weights.append((length[is_covered, None] * shares / 2).ravel())
     z, weight = np.concatenate(nodes), np.concatenate(weights)
-    rising = np.argsort(z, kind="stable")
-    z, weight = z[rising], weight[rising]
+    order = np.argsort(z, kind="stable")
+    z, weight = z[order], weight[order]
     deviation = law.at_scores(z[None])[0] - law.mean_vector[0]
     return z, deviation * weight * np.exp(-(z**2) / 2) / math.sqrt(2 * math.pi)
 
@@ -291,14 +292,14 @@ def _nodes(law: Law, width: float, reach: float) -> tuple[Array, Array]:
 def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation]) -> None:
     """Check that every correlation is between draws that can be correlated.
 
-    Raises InputError for an unknown name, or a draw that is fixed, has several numbers, another scope than the rest or
-    is in two correlations.
+    Raises InputError for an unknown name, or a draw that is fixed, has several components or a different scope, or is
+    in two correlations.
     """
-    known = {draw.name: draw for draw in draws}
+    draws_by_name = {draw.name: draw for draw in draws}
     correlated: set[str] = set()
     for correlation in correlations:
         for name in correlation.names:
-            if name not in known:
+            if name not in draws_by_name:
                 if owner := next((draw.name for draw in draws if name in draw.components), None):
                     raise InputError(
                         f"{name!r} is one of the several numbers of {owner!r}; a correlation is between draws of one number"
@@ -306,7 +307,7 @@ def check_correlations(draws: Sequence[Draw], correlations: Sequence[Correlation
                 raise UnknownNameError(
                     "parameter", name, (draw.name for draw in draws if draw.components == (draw.name,))
                 )
-            draw, first = known[name], known[correlation.names[0]]
+            draw, first = draws_by_name[name], draws_by_name[correlation.names[0]]
             if draw.law.size != 1:
                 raise InputError(
                     f"{name!r} draws {draw.law.size} numbers; a correlation is between draws of one number"

@@ -1,4 +1,4 @@
-"""A draw: a law with a name and a scope; and the counter word of its pose and visit."""
+"""Draw: a law with a name and a scope; and the counter word of its pose and visit."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from precision_pin.draws.laws import Law
 
 MOST_POSES = 2**20 - 1
 MOST_VISITS = 4095
+"""Poses and visits that the 32-bit word of :func:`occasion` can number: 20 bits of a pose and 12 of a visit, without 0."""
 
 
 class Scope(Enum):
-    """Scope of a draw: one number for each robot, for each pose or for each visit.
+    """Scope of a draw: one value per robot, per pose or per visit.
 
     Examples:
         >>> pp.Scope("visit")
@@ -47,12 +48,12 @@ class Draw:
     """The unit of randomness: a law with a name and a scope.
 
     Attributes:
-        name: Names the stream of random numbers. May be empty inside a source's setting: the draw is then named after
+        name: Selects the stream of random numbers. May be empty inside a source's setting: the draw is then named after
             the setting, ``source[joint or link].field``.
         law: The distribution.
-        scope: How often it is drawn.
-        quantities: The quantity of each number, None if unknown; empty if all are. Not compared by ``==``.
-        names: Names of the numbers; empty for the draw's name with the law's suffixes.
+        scope: Frequency of drawing.
+        quantities: The quantity of each component, None if unknown; empty if all are. Not compared by ``==``.
+        names: Names of the components; empty for the draw's name with the law's suffixes.
 
     Examples:
         >>> gap = pp.Draw("gap", pp.Uniform(0.1e-3), pp.Scope.VISIT)
@@ -80,7 +81,7 @@ class Draw:
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the numbers drawn."""
+        """Names of the components."""
         return self.names or tuple(self.name + suffix for suffix in self.law.components)
 
     @property
@@ -90,13 +91,13 @@ class Draw:
 
     @property
     def known_quantities(self) -> tuple[Quantity | None, ...]:
-        """The quantity of each number, None if unknown or if, outside a model, it depends on the kind of joint."""
+        """The quantity of each component, None if unknown or if, outside a model, it depends on the kind of joint."""
         quantities = self.quantities or (None,) * self.law.size
-        return tuple(None if isinstance(one, PerJoint) else one for one in quantities)
+        return tuple(None if isinstance(quantity, PerJoint) else quantity for quantity in quantities)
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the numbers drawn, ``(size, size)``.
+        """Covariance of the components, ``(size, size)``.
 
         Raises:
             InputError: It overflows.

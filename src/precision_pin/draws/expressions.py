@@ -23,7 +23,10 @@ Slopes = dict[int, float]
 """Derivatives by the component's column."""
 
 MOST_OPERATIONS: Final = 256
-"""Most operations in one parameter's formula; all loads on a joint are one."""
+"""Maximum number of operations in a parameter's formula, such as the sum of all loads on a joint.
+
+Each operation costs time in every sample; longer formulas come from sums over hundreds of parts by mistake.
+"""
 
 
 class Operator(IntEnum):
@@ -41,7 +44,7 @@ class Operator(IntEnum):
 
 
 class Expression(ABC):  # noqa: B024 - nothing to override: the engines read the tree
-    """A number that may be random: a component of a draw, a constant or an operation on these."""
+    """A value that may be random: a component of a draw, a constant or an operation on these."""
 
     def __add__(self, other: Expression | float) -> Expression:
         return Operation(Operator.ADD, (self, _expression(other)))
@@ -76,7 +79,7 @@ class Expression(ABC):  # noqa: B024 - nothing to override: the engines read the
 
 @dataclass(frozen=True)
 class Component(Expression):
-    """One number of a draw, by its name: ``a1``, ``axis_install[joint2].A.x``."""
+    """A component of a draw, by its name: ``a1``, ``axis_install[joint2].A.x``."""
 
     name: str
 
@@ -106,32 +109,32 @@ class Operation(Expression):
     _hash: int = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        below = [argument.depth for argument in self.arguments if isinstance(argument, Operation)]
-        object.__setattr__(self, "depth", 1 + max(below, default=0))
-        # stored: parts are shared, and hashing them anew would take time exponential in the depth
+        depths = [argument.depth for argument in self.arguments if isinstance(argument, Operation)]
+        object.__setattr__(self, "depth", 1 + max(depths, default=0))
+        # stored: parts are shared, and hashing them repeatedly would take time exponential in the depth
         object.__setattr__(self, "_hash", hash((self.operator, self.arguments)))
 
     def __hash__(self) -> int:
         return self._hash
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another formula is the same tree; shared parts are compared once."""
+        """Return whether another formula is an equal tree; shared parts are compared once."""
         if not isinstance(other, Operation):
             return NotImplemented
         waiting: list[tuple[Expression, Expression]] = [(self, other)]
         compared: set[tuple[int, int]] = set()
         while waiting:
-            one, two = waiting.pop()
-            if one is two or (id(one), id(two)) in compared:
+            a, b = waiting.pop()
+            if a is b or (id(a), id(b)) in compared:
                 continue
-            compared.add((id(one), id(two)))
-            if not (isinstance(one, Operation) and isinstance(two, Operation)):
-                if one != two:
+            compared.add((id(a), id(b)))
+            if not (isinstance(a, Operation) and isinstance(b, Operation)):
+                if a != b:
                     return False
                 continue
-            if hash(one) != hash(two) or one.operator != two.operator or len(one.arguments) != len(two.arguments):
+            if hash(a) != hash(b) or a.operator != b.operator or len(a.arguments) != len(b.arguments):
                 return False
-            waiting += zip(one.arguments, two.arguments, strict=True)
+            waiting += zip(a.arguments, b.arguments, strict=True)
         return True
 
     def __reduce__(self) -> tuple[type[Operation], tuple[Operator, tuple[Expression, ...]]]:
@@ -151,6 +154,7 @@ _SLOPES: Final[Mapping[Operator, Callable[[float, float, float, float, float], f
     Operator.SIGN: lambda a, b, result, da, db: 0.0,
 }
 """Derivative of an operation's result by a component, from its arguments, its result and their derivatives."""
+# the functions of numpy that the compiled loops reproduce; `sign` is 1 at zero, where numpy's is 0
 _RESULTS: Final[Mapping[Operator, Callable[[Array, Array], Array]]] = {
     Operator.ADD: np.add,
     Operator.SUBTRACT: np.subtract,
@@ -222,13 +226,13 @@ class Program:
                     f"a parameter's formula takes {parameter.depth} operations or more, "
                     f"at most {MOST_OPERATIONS} are allowed"
                 )
-            own = _parts(parameter)
-            count = sum(isinstance(part, Operation) for part in own)
+            parts = _parts(parameter)
+            count = sum(isinstance(part, Operation) for part in parts)
             if count > MOST_OPERATIONS:
                 raise InputError(
                     f"a parameter's formula takes {count} operations, at most {MOST_OPERATIONS} are allowed"
                 )
-            distinct.update(own)
+            distinct.update(parts)
         constants = [part for part in distinct if isinstance(part, Constant)]
         register: dict[Expression, int] = {part: len(component_index) + k for k, part in enumerate(constants)}
         steps: list[tuple[Operator, int, int]] = []
@@ -267,9 +271,9 @@ class Program:
             a, b = float(values[left][0]), float(values[right][0])
             result = float(values[self.components + len(self.constants) + step][0])
             da, db = slopes[left], slopes[right]
-            by = dict.fromkeys((*da, *db)) if any(da.values()) or any(db.values()) else ()
+            columns = dict.fromkeys((*da, *db)) if any(da.values()) or any(db.values()) else ()
             try:
-                slopes.append({k: _SLOPES[operator](a, b, result, da.get(k, 0.0), db.get(k, 0.0)) for k in by})
+                slopes.append({k: _SLOPES[operator](a, b, result, da.get(k, 0.0), db.get(k, 0.0)) for k in columns})
             except (ZeroDivisionError, OverflowError):
                 raise InputError(
                     f"a parameter's formula has no finite derivative at its parameters' means "
@@ -286,7 +290,7 @@ class Program:
                 except FloatingPointError as error:
                     raise InputError(
                         f"a parameter's formula fails for some sample ({error}); "
-                        "a divisor needs a law whose values cannot come near zero"
+                        "the distribution of a divisor must exclude zero"
                     ) from error
         return values
 
@@ -308,23 +312,23 @@ def signs_of(expressions: Sequence[Expression]) -> list[Expression]:
 
 def fix_signs(expression: Expression, values: Mapping[Expression, float]) -> Expression:
     """Return an expression with its signs replaced by numbers."""
-    fixed: dict[Expression, Expression] = {}
+    replacements: dict[Expression, Expression] = {}
     for part in _parts(expression):
-        fixed[part] = Constant(values[part]) if _is_sign(part) else part
+        replacements[part] = Constant(values[part]) if _is_sign(part) else part
         if isinstance(part, Operation) and not _is_sign(part):
-            fixed[part] = Operation(part.operator, tuple(fixed[argument] for argument in part.arguments))
-    return fixed[expression]
+            replacements[part] = Operation(part.operator, tuple(replacements[argument] for argument in part.arguments))
+    return replacements[expression]
 
 
 def _is_sign(part: Expression) -> bool:
     return isinstance(part, Operation) and part.operator is Operator.SIGN
 
 
-def _parts(*expressions: Expression, found: dict[Expression, None] | None = None) -> dict[Expression, None]:
-    """Return expressions and all their parts, each once, arguments before their users; added to ``found`` if given."""
-    found = {} if found is None else found
+def _parts(*expressions: Expression, parts: dict[Expression, None] | None = None) -> dict[Expression, None]:
+    """Return expressions and all their parts, each once, arguments before their users; added to ``parts`` if given."""
+    parts = {} if parts is None else parts
     for expression in expressions:
-        if expression not in found:
-            _parts(*(expression.arguments if isinstance(expression, Operation) else ()), found=found)
-            found[expression] = None
-    return found
+        if expression not in parts:
+            _parts(*(expression.arguments if isinstance(expression, Operation) else ()), parts=parts)
+            parts[expression] = None
+    return parts

@@ -1,4 +1,4 @@
-"""scipy.special, imported on first use: the import takes 0.2 s, and checking a sheet does not need it."""
+"""scipy.special, imported on first use: the import takes 0.2 s, and checking a sheet does without."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Philox4x32-10, the counter-based random generator, as plain numpy.
 
 Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC11, 2011. A number depends only on
-(seed, stream, occasion, unit): any sample can be computed alone, and the number of threads changes nothing.
+(seed, stream, occasion, unit): any sample can be computed alone, and the number of threads has no effect.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+# constants of the paper: multipliers, Weyl increments of the key (golden ratio and √3 - 1, times 2³²), and ten rounds,
+# of which six already pass the BigCrush tests
 _MULTIPLIERS: Final = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
 _WEYL: Final = (0x9E3779B9, 0xBB67AE85)
 _ROUNDS: Final = 10
 _LOW: Final = np.uint64(0xFFFFFFFF)
 _HALF: Final = np.uint64(32)
+"""Mask and shift of the low and high word of a 64-bit product."""
 
 
 def philox4x32(counter: NDArray[np.uint64], key: tuple[int, int]) -> NDArray[np.uint64]:
@@ -45,17 +48,17 @@ def stream_of(name: str) -> int:
 
 
 def streams_of(names: Iterable[str]) -> dict[str, int]:
-    """Return the stream of every name, no two alike."""
-    # if two names have one stream, the alphabetically later one is hashed again as `name#1`, `name#2`, … until it
-    # is free, so that the order of the names never matters
+    """Return the stream of every name; all streams differ."""
+    # if two names have the same stream, the alphabetically later one is hashed as `name#1`, `name#2`, … until its stream
+    # is unused, so that the order of the names never matters
     streams: dict[str, int] = {}
-    taken: set[int] = set()
+    used_streams: set[int] = set()
     for name in sorted(set(names)):
         stream, attempt = stream_of(name), 0
-        while stream in taken:
+        while stream in used_streams:
             attempt += 1
             stream = stream_of(f"{name}#{attempt}")
-        taken.add(stream)
+        used_streams.add(stream)
         streams[name] = stream
     return streams
 
@@ -69,17 +72,17 @@ def uniforms(seed: int, stream: int | Sequence[int], occasion: int, first_pair: 
         first_pair, pairs: The pairs of units (even, odd).
 
     Returns:
-        ``(2, pairs)``, or for S streams in turn ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each
-        ``(2j+1)/2⁵³`` with j the top 52 bits of its 64, hence never 0 or 1 and symmetric about one half.
+        ``(2, pairs)``, or for S streams in turn ``(2, S·pairs)``: row 0 the even units, row 1 the odd ones; each number
+        is ``(2j+1)/2⁵³`` with j the top 52 of 64 bits, hence never 0 or 1 and symmetric about one half.
     """
     streams = np.repeat(np.array(stream, dtype=np.uint64), pairs)
-    one = np.arange(first_pair, first_pair + pairs, dtype=np.uint64)
-    index = np.resize(one, streams.size)
+    pair_indices = np.arange(first_pair, first_pair + pairs, dtype=np.uint64)
+    index = np.resize(pair_indices, streams.size)
     counter = np.array([index & _LOW, index >> _HALF, streams, np.full_like(streams, occasion)])
     words = philox4x32(counter, (seed & 0xFFFFFFFF, seed >> 32))
     bits = np.array([words[0] | (words[1] << _HALF), words[2] | (words[3] << _HALF)])
-    whole = (bits >> np.uint64(12)).astype(np.float64)
-    return (2 * whole + 1) * 2.0**-53
+    top_bits = (bits >> np.uint64(12)).astype(np.float64)
+    return (2 * top_bits + 1) * 2.0**-53
 
 
 def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -87,9 +90,9 @@ def direction(turns: NDArray[np.float64]) -> NDArray[np.float64]:
     quarters = np.rint(4 * turns)
     angle = 2 * np.pi * (turns - quarters / 4)
     cosine, sine = np.cos(angle), np.sin(angle)
-    which = quarters.astype(int) % 4
+    quadrants = quarters.astype(int) % 4
     return np.array(
-        [np.choose(which, [cosine, -sine, -cosine, sine]), np.choose(which, [sine, cosine, -sine, -cosine])]
+        [np.choose(quadrants, [cosine, -sine, -cosine, sine]), np.choose(quadrants, [sine, cosine, -sine, -cosine])]
     )
 
 

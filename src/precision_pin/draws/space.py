@@ -1,7 +1,7 @@
-"""The space of random numbers: draws, their scopes and the stream of each number.
+"""The space of random components: draws, their scopes and the stream of each component.
 
-A sample is (unit, pose, visit). Columns are in the order of the draws; the numbers depend on names only, so that adding
-or reordering draws changes no other draw.
+A sample is (unit, pose, visit). Columns are in the order of the draws; values depend on names only, so that adding or
+reordering draws changes no other draw.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from precision_pin.draws.expressions import Component, Expression, Value
 from precision_pin.draws.laws import JointNormal, Law
 
 _UNCHECKED: Final = 2**28
-"""Bytes below which free memory is not checked: the check would take longer than the sampling."""
+"""Bytes below which free memory is not checked: 256 MiB fit on any machine, and the check takes almost 1 ms."""
 _TOGETHER: Final = 2**14
-"""Numbers made together; arrays of more leave the processor's cache."""
+"""Random numbers generated together; larger arrays exceed the processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,12 @@ class Space:
 
     Attributes:
         draws: In column order.
-        correlations: Each is between draws of one number with one scope; a draw is in at most one. The random numbers
-            depend on names only: neither other draws nor any order changes them.
+        correlations: Each is between draws of one component with equal scope; a draw is in at most one. Values depend
+            on names only: neither other draws nor any order changes them.
 
     Raises:
         InputError: Two different draws, or a draw and a component of another, share a name; or
-            :func:`~precision_pin.draws.correlation.check_correlations` refuses a correlation.
+            :func:`~precision_pin.draws.correlation.check_correlations` rejects a correlation.
 
     Examples:
         >>> space = pp.Space((pp.Draw("pin", pp.Disc(2.0)), pp.Draw("gap", pp.Uniform(3.0))))
@@ -69,7 +69,7 @@ class Space:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """Names of the d numbers, in column order."""
+        """Names of the d components, in column order."""
         return tuple(name for draw in self.draws for name in draw.components)
 
     @cached_property
@@ -102,12 +102,12 @@ class Space:
 
     @cached_property
     def block_covariance(self) -> BlockCovariance:
-        """Covariance of the components, in blocks of dependent ones."""
-        found = [draw.covariance for draw in self.draws]
-        variances = np.concatenate([np.zeros(0), *map(np.diag, found)])
+        """Covariance of the components, in blocks of dependent components."""
+        covariances = [draw.covariance for draw in self.draws]
+        variances = np.concatenate([np.zeros(0), *map(np.diag, covariances)])
         blocks = [
             (np.arange(columns.start, columns.stop), matrix)
-            for matrix, columns in zip(found, self.slices, strict=True)
+            for matrix, columns in zip(covariances, self.slices, strict=True)
             if len(matrix) > 1
         ]
         laws = {draw.name: draw.law for draw in self.draws} if self.correlations else {}
@@ -133,7 +133,7 @@ class Space:
     @cached_property
     @returns_read_only
     def pearson(self) -> Array:
-        """Pearson correlation of the components, ``(d, d)``; off the diagonal 0 if one does not vary.
+        """Pearson correlation of the components, ``(d, d)``; 0 off the diagonal for components that do not vary.
 
         Raises:
             InputError: The matrix would not fit into memory.
@@ -173,10 +173,10 @@ class Space:
         return Component(check_name("parameter", name, self.index))
 
     def sample(self, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
-        """Return the numbers ``(d, count)`` of units ``first … first + count - 1``.
+        """Return the components ``(d, count)`` of units ``first … first + count - 1``.
 
-        They are numbered as docs/reproducibility.md says: see :mod:`precision_pin.draws.philox` for the uniforms;
-        normal numbers are Box-Muller of a pair (cosine for the even unit, sine for the odd).
+        Numbering as in docs/reproducibility.md: see :mod:`precision_pin.draws.philox` for the uniforms; normal numbers
+        are Box-Muller of a pair (cosine for the even unit, sine for the odd).
 
         Args:
             seed: 64-bit seed.
@@ -194,19 +194,19 @@ class Space:
         self._check_sample_memory(count)
         units = philox.Units(seed, first, count)
         x = np.empty((self.size, count))
-        alike: dict[tuple[str, Scope], list[tuple[Law, slice]]] = {}
+        groups: dict[tuple[str, Scope], list[tuple[Law, slice]]] = {}
         for draw, rows in zip(self.draws, self.slices, strict=True):
             if not draw.law.streamed:
                 x[rows] = draw.law.mean_vector[:, None]
             elif draw.name not in self._correlated_draws:
-                alike.setdefault((draw.law.variates, draw.scope), []).append((draw.law, rows))
-        for (variates, scope), listed in alike.items():
+                groups.setdefault((draw.law.variates, draw.scope), []).append((draw.law, rows))
+        for (variates, scope), members in groups.items():
             word, make = occasion(scope, pose, visit), units.normals if variates == "normal" else units.uniforms
             step = max(1, _TOGETHER // max(count, 1))
-            for laws in (listed[k : k + step] for k in range(0, len(listed), step)):
-                made = make([stream for _, rows in laws for stream in self.streams[rows]], word)
+            for laws in (members[k : k + step] for k in range(0, len(members), step)):
+                base_variates = make([stream for _, rows in laws for stream in self.streams[rows]], word)
                 for law, rows in laws:
-                    x[rows], made = law.sample(made[: law.size]), made[law.size :]
+                    x[rows], base_variates = law.sample(base_variates[: law.size]), base_variates[law.size :]
         for correlation in self.correlations:
             columns = [self.index[name] for name in correlation.names]
             word = occasion(self._correlated_draws[correlation.names[0]].scope, pose, visit)
@@ -214,7 +214,7 @@ class Space:
         return x
 
     def inverse(self, uniforms: ArrayLike) -> Array:
-        """Return the numbers ``(d, N)`` for uniform numbers ``(d, N)``, by the inverse of each law."""
+        """Return the components ``(d, N)`` for uniform numbers ``(d, N)``, by the inverse of each law."""
         # large and only read: not copied if already an array
         is_array = type(uniforms) is np.ndarray and uniforms.dtype == np.float64
         u = cast("Array", uniforms) if is_array else check_numbers("uniforms", uniforms)
@@ -232,7 +232,7 @@ class Space:
         return x
 
     def _check_sample_memory(self, count: int) -> None:
-        needed = 24.0 * self.size * count  # the numbers, and the uniforms they are made from
+        needed = 24.0 * self.size * count  # the components, and the variates from which they are computed
         if needed > _UNCHECKED:
             check_memory(needed, f"sampling {self.size:,} numbers {count:,} times at once", "sample a part at a time")
 
@@ -247,16 +247,16 @@ class Space:
             x[self.index[name]] = self._correlated_draws[name].law.at_scores(scores[None])[0]
 
 
-def _claim_names(draw: Draw, taken: set[str]) -> None:
-    own = {draw.name, *draw.components}
-    for name in own:
-        if name in taken or not name:
-            raise InputError(f"two random numbers are named {name!r}; every draw needs a name of its own")
-    taken |= own
+def _claim_names(draw: Draw, used_names: set[str]) -> None:
+    draw_names = {draw.name, *draw.components}
+    for name in draw_names:
+        if name in used_names or not name:
+            raise InputError(f"two random numbers are named {name!r}; every draw needs a unique name")
+    used_names |= draw_names
 
 
 class Extension:
-    """Further draws for a space, added group by group; a refused group adds nothing."""
+    """Further draws for a space, added group by group; a rejected group adds nothing."""
 
     def __init__(self, space: Space) -> None:
         self._correlations = space.correlations
@@ -269,19 +269,19 @@ class Extension:
         Raises:
             InputError: A different draw has the name, or it is a component of another draw; none of the draws is added.
         """
-        added: dict[str, Draw] = {}
+        new_draws: dict[str, Draw] = {}
         names: set[str] = set()
         for draw in draws:
-            known = self._known.get(draw.name) or added.get(draw.name)
-            if known is None:
+            existing = self._known.get(draw.name) or new_draws.get(draw.name)
+            if existing is None:
                 _claim_names(draw, names)
-                added[draw.name] = draw
-            elif known != draw:
+                new_draws[draw.name] = draw
+            elif existing != draw:
                 raise InputError(f"the draw {draw.name!r} is given twice with different laws or scopes")
-        shared = sorted(names & self._taken)
-        if shared:
-            raise InputError(f"two random numbers are named {shared[0]!r}; every draw needs a name of its own")
-        self._known |= added
+        duplicates = sorted(names & self._taken)
+        if duplicates:
+            raise InputError(f"two random numbers are named {duplicates[0]!r}; every draw needs a unique name")
+        self._known |= new_draws
         self._taken |= names
 
     def space(self) -> Space:
@@ -296,7 +296,7 @@ def check_seed(seed: int) -> int:
 
 @dataclass(frozen=True)
 class LabelledSpace:
-    """The space of one source with label ``kind[subject]``: turns its settings into numbers and expressions."""
+    """The space of one source with label ``kind[subject]``: converts its settings to numbers and expressions."""
 
     space: Space
     label: str
@@ -322,8 +322,8 @@ class LabelledSpace:
     def positive(self, field: str, setting: Setting, *, zero: bool = False) -> Value:
         """Return a setting that must be positive (or zero, if allowed) in every sample; see :meth:`value`.
 
-        Raises InputError if the number, or the lower end of the law's support, is too low. A normal law's mean must lie
-        8.6 standard deviations above zero, farther than any sample from it.
+        Raises InputError if the number, or the lower end of the law's support, is too low. The mean of a normal law must
+        be 8.6 standard deviations above zero, farther than any sample is from it.
         """
         value = self.value(field, setting)
         lowest, _ = self.interval(value)
@@ -335,7 +335,7 @@ class LabelledSpace:
         return value
 
     def interval(self, value: Value) -> tuple[float, float]:
-        """Return the lowest and highest value in any sample; an empty interval for a formula, which is not checked."""
+        """Return the minimum and maximum over all samples; an empty interval for a formula, which is not checked."""
         if not isinstance(value, Expression):
             return value, value
         if not isinstance(value, Component):
@@ -347,7 +347,7 @@ class LabelledSpace:
         return tuple(self.value(entry_name(field, k), setting) for k, setting in enumerate(settings))
 
     def component(self, name: str) -> Component:
-        """Return a component of one of the source's own draws, ``label.name``."""
+        """Return a component of a draw that the source defines, ``label.name``."""
         return self.space.parameter(f"{self.label}.{name}")
 
 
@@ -357,11 +357,11 @@ def entry_name(field: str, k: int) -> str:
 
 
 _UNTOUCHED: Final = 1e-9
-"""Change of a mean, variance or correlation, in units of the prior, that counts as none."""
+"""Largest change of a mean, variance or correlation, in units of the prior, that counts as rounding of the fit."""
 
 
 def held_at_mean(draw: Draw) -> Draw:
-    """Return a draw of the same names, fixed at its mean."""
+    """Return a draw with the same names, fixed at its mean."""
     mean = tuple(draw.law.mean_vector.tolist())
     law = JointNormal(tuple((0.0,) * len(mean) for _ in mean), mean)
     return dataclasses.replace(draw, law=law, names=draw.components)
@@ -369,10 +369,10 @@ def held_at_mean(draw: Draw) -> Draw:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """Mean and covariance of numbers of a space after a calibration, SI.
+    """Mean and covariance of components of a space after a calibration, SI.
 
     Attributes:
-        stated: Mean and standard deviation of each in the sheet that was calibrated; empty if unknown.
+        stated: Mean and standard deviation of each component in the calibrated sheet; empty if unknown.
     """
 
     names: tuple[str, ...]
@@ -383,64 +383,64 @@ class Estimates:
     def remaining_space(self, space: Space) -> Space:
         """Return the space of the calibrated arm; parameters that the data do not inform keep their prior.
 
-        The others form one joint normal draw, ``calibrated``, under their own names. A number whose law has bounds
-        within the normal law's reach is cut at them, unless a combination of it with others is known, which cutting
-        would spoil. None crosses a zero that its prior does not cross. Raises InputError if a name is not that of a
-        number drawn once for each robot.
+        The others form one joint normal draw, ``calibrated``, and keep their names. A component whose prior has bounds
+        within the range of the normal distribution is clipped to them, unless a combination with others is known, which
+        clipping would falsify. No component crosses a zero that its prior does not cross. Raises InputError if a name is
+        not that of a component drawn once per robot.
         """
         scopes = {name: draw.scope for draw in space.draws for name in draw.components}
         for name in self.names:
             if scopes[check_name("component", name, scopes)] is not Scope.UNIT:
                 raise InputError(f"{name} is not drawn once for each robot")
-        touched = self._touched(space)
-        if not touched:
+        updated = self._touched(space)
+        if not updated:
             return space
-        members = [draw for draw in space.draws if draw.name in touched]
-        wanted = [name for draw in members for name in draw.components]
+        members = [draw for draw in space.draws if draw.name in updated]
+        names = [name for draw in members for name in draw.components]
         position = {name: k for k, name in enumerate(self.names)}
-        matrix, centre = np.zeros((len(wanted), len(wanted))), space.mean[[space.index[name] for name in wanted]].copy()
-        known = [k for k, name in enumerate(wanted) if name in position]
-        rows = [position[wanted[k]] for k in known]
-        matrix[np.ix_(known, known)] = self.covariance[np.ix_(rows, rows)]
-        centre[known] = self.mean[rows]
+        matrix, centre = np.zeros((len(names), len(names))), space.mean[[space.index[name] for name in names]].copy()
+        estimated = [k for k, name in enumerate(names) if name in position]
+        rows = [position[names[k]] for k in estimated]
+        matrix[np.ix_(estimated, estimated)] = self.covariance[np.ix_(rows, rows)]
+        centre[estimated] = self.mean[rows]
         normal = JointNormal(tuple(map(tuple, ((matrix + matrix.T) / 2).tolist())), tuple(centre.tolist()))
-        kept = (draw for draw in space.draws if draw.name not in touched)
+        unchanged = (draw for draw in space.draws if draw.name not in updated)
         law = _clip(normal, [bounds_of(draw.law, k) for draw in members for k in range(draw.law.size)])
-        taken = {name for draw in space.draws for name in (draw.name, *draw.components)}
+        used_names = {name for draw in space.draws for name in (draw.name, *draw.components)}
         name = "calibrated"
-        while name in taken:
+        while name in used_names:
             name += "_"
-        others = tuple(one for one in space.correlations if not touched & set(one.names))
-        return Space((Draw(name, law, names=tuple(wanted)), *kept), others)
+        correlations = tuple(correlation for correlation in space.correlations if not updated & set(correlation.names))
+        return Space((Draw(name, law, names=tuple(names)), *unchanged), correlations)
 
     def without_changed(self, before: Space, after: Space) -> tuple[Estimates | None, tuple[str, ...]]:
-        """Return the estimates without changed draws (None if nothing is left), and which of those had been learned."""
-        now = {draw.name: draw for draw in after.draws}
-        changed = {name for draw in before.draws if now.get(draw.name) != draw for name in draw.components}
-        kept = [k for k, name in enumerate(self.names) if name not in changed]
-        if len(kept) == len(self.names):
+        """Return the estimates without changed draws (None if none remain), and the changed names that were estimated."""
+        draws_after = {draw.name: draw for draw in after.draws}
+        changed = {name for draw in before.draws if draws_after.get(draw.name) != draw for name in draw.components}
+        retained = [k for k, name in enumerate(self.names) if name not in changed]
+        if len(retained) == len(self.names):
             return self, ()
-        touched = self._touched(before)
-        known = {name for draw in before.draws if draw.name in touched for name in draw.components}
-        replaced = tuple(name for name in self.names if name in changed & known)
-        if not kept:
+        updated = self._touched(before)
+        informed = {name for draw in before.draws if draw.name in updated for name in draw.components}
+        replaced = tuple(name for name in self.names if name in changed & informed)
+        if not retained:
             return None, replaced
-        names = tuple(self.names[k] for k in kept)
-        return Estimates(names, self.mean[kept], self.covariance[np.ix_(kept, kept)]), replaced
+        names = tuple(self.names[k] for k in retained)
+        return Estimates(names, self.mean[retained], self.covariance[np.ix_(retained, retained)]), replaced
 
     def edited(self, space: Space) -> dict[str, tuple[float, float]]:
-        """Return the new mean and deviation of each number for which they differ from the stated ones."""
-        found = {}
+        """Return the new mean and standard deviation of each component if they differ from the stated ones."""
+        edits = {}
         stds = np.sqrt(space.block_covariance.variances)
         for name, (mean, std) in self.stated.items():
             column = space.index.get(name)
-            now = (mean, std) if column is None else (float(space.mean[column]), float(stds[column]))
-            if max(abs(now[0] - mean), abs(now[1] - std)) > _UNTOUCHED * max(std, abs(mean)):
-                found[name] = now
-        return found
+            current = (mean, std) if column is None else (float(space.mean[column]), float(stds[column]))
+            if max(abs(current[0] - mean), abs(current[1] - std)) > _UNTOUCHED * max(std, abs(mean)):
+                edits[name] = current
+        return edits
 
     def learned(self, space: Space) -> tuple[str, ...]:
-        """Return the numbers whose variance in the original space the data reduced by at least half."""
+        """Return the components whose variance in the original space the data reduced by at least half."""
         columns = np.array([space.index[name] for name in self.names], dtype=np.intp)
         before = space.block_covariance.variances[columns]
         return tuple(itertools.compress(self.names, np.diag(self.covariance) <= 0.5 * before))
@@ -451,36 +451,36 @@ class Estimates:
         std = np.sqrt(np.diag(prior))
         std = np.where(std > 0, std, 1.0)
         scaled = (self.covariance - prior) / np.outer(std, std)
-        moved = np.abs(self.mean - space.mean[columns]) / std
-        changed = (np.abs(scaled).max(axis=1) > _UNTOUCHED) | (moved > _UNTOUCHED)
+        mean_changes = np.abs(self.mean - space.mean[columns]) / std
+        changed = (np.abs(scaled).max(axis=1) > _UNTOUCHED) | (mean_changes > _UNTOUCHED)
         names = set(itertools.compress(self.names, changed))
-        touched = {draw.name for draw in space.draws if names & set(draw.components)}
+        updated = {draw.name for draw in space.draws if names & set(draw.components)}
         for correlation in space.correlations:
-            if touched & set(correlation.names):
-                touched |= set(correlation.names)
-        return touched
+            if updated & set(correlation.names):
+                updated |= set(correlation.names)
+        return updated
 
 
 def bounds_of(law: Law, number: int) -> tuple[float, float]:
-    """Return the bounds of one of a law's numbers, infinite for none."""
+    """Return the bounds of a component of a law, infinite if unbounded."""
     axis = np.eye(law.size)[number]
     return -float(law.support(-axis)), float(law.support(axis))
 
 
 def _clip(normal: JointNormal, bounds: Sequence[tuple[float, float]]) -> Law:
-    """Return the law with those bounds that lie within its reach; the normal law itself if none does."""
-    # A number of which a combination with others is known is not cut: that would spoil what is known. But a number that
-    # its prior keeps on one side of zero, such as a stiffness, stays there: it is cut half way from its bound to zero,
-    # which the normal law hardly reaches.
+    """Return the law with the bounds within its range; the normal law itself if there is none."""
+    # A component of which a combination with others is known is not clipped: that would falsify the combination. But a
+    # component with a prior on one side of zero, such as a stiffness, stays there: it is clipped half way from its bound
+    # to zero, a value that the normal distribution hardly reaches.
     std = np.sqrt(np.diag(normal.covariance))
     unit = np.where(std > 0, std, 1.0)
     correlation = normal.covariance / np.outer(unit, unit)
     np.fill_diagonal(correlation, 1.0)
-    own = 1 / np.sqrt(np.diag(np.linalg.inv(correlation + _UNTOUCHED * np.eye(len(unit)))))
-    reached = []
+    free_fractions = 1 / np.sqrt(np.diag(np.linalg.inv(correlation + _UNTOUCHED * np.eye(len(unit)))))
+    active_bounds = []
     for k, (low, high) in enumerate(bounds):
         first, last = normal.interval(k)
-        if own[k] <= 0.5:  # of its deviation remains if all others are given, so that it depends on them
+        if free_fractions[k] <= 0.5:  # of its standard deviation remains if all others are known: it depends on them
             low, high = (low / 2 if low >= 0 else -np.inf), (high / 2 if high <= 0 else np.inf)
-        reached.append((low if first < low else -np.inf, high if last > high else np.inf))
-    return dataclasses.replace(normal, bounds=tuple(reached)) if np.isfinite(reached).any() else normal
+        active_bounds.append((low if first < low else -np.inf, high if last > high else np.inf))
+    return dataclasses.replace(normal, bounds=tuple(active_bounds)) if np.isfinite(active_bounds).any() else normal

@@ -127,7 +127,7 @@ _STAGES: Final = {"linear": loops.LINEAR, "exact": loops.EXACT}
 
 REASONS: Final = {
     loops.FORMULA: "a parameter's formula fails; a divisor that may reach zero needs a law that keeps away from it",
-    loops.ANGLE: "an error turns a place by half a turn or more; the tolerances or loads are far too large",
+    loops.ANGLE: "an error rotates a frame by 180° or more; the tolerances or loads are far too large",
     loops.NOT_FINITE: "the error is not a finite number; the tolerances or loads are far too large",
 }
 """Messages for the reasons why the loops stop."""

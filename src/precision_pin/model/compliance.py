@@ -1,6 +1,6 @@
-"""Loads of an arm, the terms that they cause, and the compliance of its end-effector, by source.
+"""Loads of an arm, the terms caused by loads, and the compliance of the end-effector, by source.
 
-What an analysis of stiffness may know: it asks here, and imports no source.
+Public interface for analyses of stiffness, which import no source.
 """
 
 from __future__ import annotations
@@ -26,57 +26,57 @@ if TYPE_CHECKING:
 
     Pose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 
-OWN: Final = "arm"
-"""Key of the weights of the URDF's links."""
+ARM: Final = "arm"
+"""Key of the weights of the URDF's links; no source has this label."""
 
 
 def loads_of(model: ErrorModel, q: Pose = None) -> dict[str, tuple[Load, ...]]:
-    """Return the loads at a pose: the weights of the URDF's links under :data:`OWN`, those of sources by label.
+    """Return the loads at a pose: the weights of the URDF's links under :data:`ARM`, those of sources by label.
 
     Args:
         q: The pose, as for :meth:`~precision_pin.model.error_model.ErrorModel.at`.
     """
     bare = replace(model.at(q).posture, loads=model.chain.loads, tilts=())
-    of_sources = {
+    source_loads = {
         label: tuple(source.loads(bare)) for label, source in zip(model.labels, model.bound_sources, strict=True)
     }
-    return {OWN: bare.loads, **{label: loads for label, loads in of_sources.items() if loads}}
+    return {ARM: bare.loads, **{label: loads for label, loads in source_loads.items() if loads}}
 
 
 def loaded_terms(model: ErrorModel, q: Pose = None) -> dict[str, tuple[Term, ...]]:
-    """Return the terms that loads cause at a pose, by the label of the elastic source that makes them."""
+    """Return the terms caused by loads at a pose, by the label of the elastic source."""
     return _loaded_terms(model, model.at(q).posture)
 
 
 def compliances_of(model: ErrorModel, q: Pose = None) -> dict[str, Array]:
-    """Return what each elastic source adds to the compliance of the end-effector at a pose, by label.
+    """Return the contribution of each elastic source to the compliance of the end-effector at a pose, by label.
 
     A compliance C ``(6, 6)`` gives the displacement ``[d; δ] = C [f; m]`` of the target, m and rad, by a force and a moment
-    on the tip's link, acting at the target, N and N·m, all in base axes. It is that of the undeflected arm, to first
+    on the tip's link, acting at the target, N and N·m, all in base axes. It holds for the undeflected arm, to first
     order, with every parameter at its mean. The sum over the sources is the compliance of the arm.
 
     Raises:
-        InputError: A wrong pose; a formula has no value at the means.
+        InputError: An invalid pose; a formula has no value at the means.
     """
     posture = model.at(q).posture
-    found: dict[str, Array] = {}
+    compliances: dict[str, Array] = {}
     for column in range(6):
         for label, terms in _loaded_terms(model, _under_wrench(posture, column)).items():
             at = PoseModel(posture, model.space, TermTable.build(posture, model.space, terms), terms)
-            found.setdefault(label, np.zeros((6, 6)))[:, column] = at.linear(model.space.mean[:, None])[:, 0]
-    return found
+            compliances.setdefault(label, np.zeros((6, 6)))[:, column] = at.linear(model.space.mean[:, None])[:, 0]
+    return compliances
 
 
 def _loaded_terms(model: ErrorModel, posture: Posture) -> dict[str, tuple[Term, ...]]:
-    found = {
+    terms_by_label = {
         label: tuple(term for term in source.terms(posture) if term.loaded)
         for label, source in zip(model.labels, model.bound_sources, strict=True)
     }
-    return {label: terms for label, terms in found.items() if terms}
+    return {label: terms for label, terms in terms_by_label.items() if terms}
 
 
 def _under_wrench(posture: Posture, column: int) -> Posture:
-    """Return the posture under a unit force along base axis 0 to 2, or a unit moment about axis 3 to 5, and nothing else.
+    """Return the posture under only a unit force along base axis 0 to 2, or a unit moment about axis 3 to 5.
 
     A mass of 1 kg under gravity of 1 m/s² weighs 1 N. A first moment s without a mass has the moment s × g.
     """
@@ -87,9 +87,9 @@ def _under_wrench(posture: Posture, column: int) -> Posture:
     if column < 3:
         moments[0] = 1.0
     else:
-        first = np.zeros(3)
-        first[(axis + 2) % 3] = -1.0
-        moments[1:] = (posture.link_poses[link] @ frame)[:3, :3].T @ first
+        first_moment = np.zeros(3)
+        first_moment[(axis + 2) % 3] = -1.0
+        moments[1:] = (posture.link_poses[link] @ frame)[:3, :3].T @ first_moment
     load = Load(link, frame, posture.chain.placements[-1][:3, 3], along=False, moments=((moments, ()),))
     chain = replace(posture.chain, gravity=gravity)
     return replace(posture, chain=chain, loads=(load,), tilts=(), deflection=None)

@@ -1,4 +1,4 @@
-"""The error model: makes the term table of a pose from sources, draws and chain."""
+"""The error model: computes the term table of a pose from sources, draws and chain."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from precision_pin.base.errors import Finding, InputError, UnknownNameError, add
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Estimates, LabelledSpace, Space
-from precision_pin.model.equilibrium import settle, statics_findings, terms_about_rest
+from precision_pin.model.equilibrium import solve_equilibrium, statics_findings, terms_about_rest
 from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, origins_of_numbers
 from precision_pin.render.html import Table, rendered
 from precision_pin.robot.chain import Chain, Posture, pose_findings
@@ -40,23 +40,23 @@ class ErrorModel:
 
     Args:
         chain: The chain.
-        space: The draws with names of their own (a sheet's ``parameters``).
+        space: The named draws (a sheet's ``parameters``).
         sources: Error sources, in any order. Laws in their settings become draws of the model.
-        poses: Named configurations, the first one the default; as an
+        poses: Named configurations, the first is the default; as an
             :class:`~precision_pin.robot.configurations.ApproachedPose` with an approach.
         statics: ``"nominal"``: loads at the undeflected pose, as in the paper. ``"equilibrium"``: on the arm at rest
-            under them.
+            under its loads.
 
     Attributes:
-        chain, sources, poses, statics: As given.
+        chain, sources, poses, statics: The arguments.
         approaches: Approach of each named pose that has one.
         assumed: Labels of the sources that the sheet marks as assumptions.
-        origins: Where each number of the space comes from, by its name: ``assumed``, ``data sheet``, ``measured``,
-            ``drawing``; empty if the sheet does not say.
-        sheet: The sheet it was read from; ``None`` for a model made in Python.
+        origins: Origin of each component of the space, by name: ``assumed``, ``data sheet``, ``measured``, ``drawing``;
+            empty if the sheet states none.
+        sheet: The sheet of the model; ``None`` for a model built in Python.
         beyond_limits: Set to ``True`` to give verdicts also beyond the URDF's limits of joint values and speeds, as
-            ``--beyond-limits`` does. Otherwise a specification there is ``"not judged"``, and not met.
-        labels: Each source's label.
+            ``--beyond-limits`` does. Otherwise a specification at such a pose is ``"not judged"``, and not met.
+        labels: Label of each source.
         space: All draws, the named ones first.
 
     Examples:
@@ -82,8 +82,8 @@ class ErrorModel:
         self.chain = chain
         self.sources = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
         self.labels = bound_source.labels(self.sources)
-        drawn = space.including(bound_source.own_draws(self.sources, self.labels))
-        self.space = bound_source.with_quantities(drawn, self.sources, self.labels, chain)
+        full_space = space.including(bound_source.own_draws(self.sources, self.labels))
+        self.space = bound_source.with_quantities(full_space, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
         self.assumed: tuple[str, ...] = ()
         self.origins: Mapping[str, str] = {}
@@ -94,7 +94,7 @@ class ErrorModel:
     @classmethod
     @warns_at_end
     def load(cls, path: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> ErrorModel:
-        """Read a sheet and its robot, with the same warnings as ``precision-pin check``.
+        """Read a sheet and its robot, with the warnings of ``precision-pin check``.
 
         Args:
             path: The YAML sheet.
@@ -108,8 +108,8 @@ class ErrorModel:
             >>> print(list(model.poses), len(model.sources))
             ['paper'] 15
         """
-        listed = check_items("the kinds of sources", kinds, type)
-        sheet = read_sheet(check_path("the path of the sheet", path), kinds=listed)
+        source_kinds = check_items("the kinds of sources", kinds, type)
+        sheet = read_sheet(check_path("the path of the sheet", path), kinds=source_kinds)
         add(sheet.findings)
         return cls.from_sheet(sheet)
 
@@ -118,12 +118,12 @@ class ErrorModel:
     def from_dict(
         cls, data: Mapping[str, object], folder: str | os.PathLike[str] = ".", kinds: Iterable[type[Source]] = ()
     ) -> ErrorModel:
-        """Return the model of a sheet given as a dictionary.
+        """Return the model of a sheet in the form of a dictionary.
 
         Args:
             data: The keys and values of the YAML sheet: text (for a number with a unit), numbers, lists and
                 dictionaries.
-            folder: Folder that the names of the robot and of tables are relative to.
+            folder: Base folder of the names of the robot and of tables.
             kinds: Source classes beyond those of the package.
 
         Raises:
@@ -136,8 +136,8 @@ class ErrorModel:
             >>> print(model.space.components)
             ('joint_offset[joint1].offset',)
         """
-        listed = check_items("the kinds of sources", kinds, type)
-        sheet = read_data(check_mapping("the sheet", data), check_path("the folder", folder), listed)
+        source_kinds = check_items("the kinds of sources", kinds, type)
+        sheet = read_data(check_mapping("the sheet", data), check_path("the folder", folder), source_kinds)
         add(sheet.findings)
         return cls.from_sheet(sheet)
 
@@ -155,32 +155,32 @@ class ErrorModel:
         return model
 
     def calibrated(self, estimates: Estimates) -> ErrorModel:
-        """Return the calibrated arm: means moved, and one joint draw of the remaining uncertainty.
+        """Return the calibrated arm: posterior means, and one joint draw of the remaining uncertainty.
 
-        A number whose variance the data reduced by at least half counts as measured.
+        A component whose variance the data reduced by at least half counts as measured.
 
         Raises:
-            InputError: A name is not that of a number drawn once for each robot.
+            InputError: A name is not that of a component drawn once per robot.
         """
         space = estimates.remaining_space(self.space)
-        other = self.like(self.chain, bound_source.with_quantities(space, self.sources, self.labels, self.chain))
+        model = self.like(self.chain, bound_source.with_quantities(space, self.sources, self.labels, self.chain))
         learned = dict.fromkeys(estimates.learned(self.space), MEASURED)
-        other.origins = {**self.origins, **learned} if self.origins else {}
-        return other
+        model.origins = {**self.origins, **learned} if self.origins else {}
+        return model
 
     @warns_at_end
     def with_(self, changes: Mapping[str, object]) -> ErrorModel:
-        """Return the model with some values of its sheet changed, as ``--set`` does.
+        """Return the model with changed values of its sheet, as with ``--set``.
 
-        Draws keep their names, so that the same seed gives the same robots except for the change.
+        Draws keep their names, so that equal seeds give equal robots except for the change.
 
         Args:
             changes: Values by path: ``parameters.a1``, ``axis_install[joint2].radius``, ``payload.mass``, ``statics``;
-                ``*`` stands for anything. Values are those of a sheet, such as ``"0.05 mm"``, ``"±0.1 mm"`` or
+                ``*`` matches anything. Values are those of a sheet, such as ``"0.05 mm"``, ``"±0.1 mm"`` or
                 ``{"normal": "0.2 mrad"}``.
 
         Raises:
-            InputError: The model was not read from a sheet or a dictionary; a path that names nothing; a wrong value.
+            InputError: The model was not read from a sheet or a dictionary; an unknown path; an invalid value.
 
         Examples:
             >>> model = pp.ErrorModel.load("4dof.errors.yaml")
@@ -188,23 +188,23 @@ class ErrorModel:
             >>> print(finer.sources[5].radius)
             5e-05
         """
-        given = check_mapping("the changes", changes)
+        values = check_mapping("the changes", changes)
         if self.sheet is None:
-            raise InputError("the model was not read from a sheet or a dictionary; make it anew with other sources")
-        sheet = self.sheet.with_changes(given)
+            raise InputError("the model was not read from a sheet or a dictionary; create a new one with other sources")
+        sheet = self.sheet.with_changes(values)
         add(sheet.findings)
-        changed = type(self).from_sheet(sheet)
-        changed.beyond_limits = self.beyond_limits
-        return changed
+        model = type(self).from_sheet(sheet)
+        model.beyond_limits = self.beyond_limits
+        return model
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
-        """Return joint values in chain order, given so, by joint name or pose name; by default the first pose's.
+        """Return joint values in chain order, from an array, by joint name or pose name (default: the first pose).
 
-        An :class:`~precision_pin.robot.configurations.ApproachedPose` gives those of its pose.
+        An :class:`~precision_pin.robot.configurations.ApproachedPose` gives the values of its pose.
 
         Raises:
             UnknownNameError: No such pose or joint.
-            InputError: Wrong joint values, or none given and the model has no poses.
+            InputError: Invalid joint values, or no argument and the model has no poses.
         """
         if isinstance(q, ApproachedPose):
             return self.configuration(q.pose)
@@ -223,7 +223,7 @@ class ErrorModel:
 
         Raises:
             UnknownNameError: No such joint.
-            InputError: Wrong directions, or an approach from the previous pose, which does not exist.
+            InputError: Invalid directions, or an approach from the previous pose, which does not exist.
         """
         if not isinstance(q, ApproachedPose):
             return self.approaches.get(self.pose_name(q), ())
@@ -241,15 +241,15 @@ class ErrorModel:
             q = [q]
         names: tuple[str, ...] = ()
         if isinstance(q, list | tuple):
-            names = tuple(self.pose_name(one) if one is not None else "" for one in q)
-            if any(isinstance(one, str | ApproachedPose) for one in q):
-                q = [self.configuration(one) if isinstance(one, str | ApproachedPose) else one for one in q]
+            names = tuple(self.pose_name(pose) if pose is not None else "" for pose in q)
+            if any(isinstance(pose, str | ApproachedPose) for pose in q):
+                q = [self.configuration(pose) if isinstance(pose, str | ApproachedPose) else pose for pose in q]
         values = self.chain.configurations.many(q)
         add(self.chain.configurations.doubts(q))
         return values, names or ("",) * values.shape[1]
 
     def approaches_of(self, q: object, values: Array) -> NDArray[np.int8] | None:
-        """Return the approach of each of many poses, ``(n, P)``; ``None`` if none has one.
+        """Return the approaches of many poses, ``(n, P)``; ``None`` if no pose has one.
 
         Args:
             q: The poses, as for :meth:`configurations`; an :class:`~precision_pin.robot.configurations.ApproachedPose` gives
@@ -259,7 +259,7 @@ class ErrorModel:
         return read_approaches(q, values, self.approach)
 
     def pose_name(self, q: object) -> str:
-        """Return the name of the pose that :meth:`configuration` returns for ``q``, empty if it has none."""
+        """Return the name of the pose that :meth:`configuration` returns for ``q``, or an empty text."""
         if isinstance(q, ApproachedPose):
             return self.pose_name(q.pose)
         return q if isinstance(q, str) else next(iter(self.poses), "") if q is None else ""
@@ -272,7 +272,7 @@ class ErrorModel:
 
         Args:
             q: As in :meth:`configuration`.
-            approach: As in :class:`~precision_pin.robot.configurations.ApproachedPose`; by default that of the pose.
+            approach: As in :class:`~precision_pin.robot.configurations.ApproachedPose` (default: that of the pose).
         """
         q = q if approach is None else ApproachedPose(q, approach)
         at = self._at(replace(self.chain.at(self.configuration(q)), approach=self.approach(q)))
@@ -283,14 +283,14 @@ class ErrorModel:
     def at_many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Iterator[PoseModel]:
         """Return an iterator of the model at P poses, one after another.
 
-        Each equals that of :meth:`at` to rounding; joint frames are computed for many poses at once.
+        Each model equals that of :meth:`at` to rounding; joint frames are computed for many poses at once.
 
         Args:
             q: As for :meth:`precision_pin.robot.chain.Chain.at_many`: an array ``(n, P)``, a list of poses (names too),
                 or P values for every joint's name.
 
         Raises:
-            InputError: Wrong joint values, immediately; the errors of :meth:`at`, when the iterator reaches the pose.
+            InputError: Invalid joint values, immediately; the errors of :meth:`at`, when the iterator reaches the pose.
             UnknownNameError: No such joint on the chain.
         """
         values, _ = self.configurations(q)
@@ -308,14 +308,14 @@ class ErrorModel:
         """Return warnings that the statics are beyond their range of validity.
 
         ``W_DEFLECTION``: a link bends too far for the formulas for small deflections. ``W_STATICS``, nominal statics:
-        the tip is farther from that of the arm at rest than a tenth of the spread by tolerances. ``W_STATICS``,
-        equilibrium statics: single robots, each solved on its own, differ from the model by more than 0.5 % (the 99 %
-        robot of a thousand) or 2 % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: single robots
-        take up play on other sides.
+        the tip is farther from the tip at rest than a tenth of the spread by tolerances. ``W_STATICS``, equilibrium
+        statics: individually solved robots differ from the model by more than 0.5 % (the 99 % robot of a thousand) or 2
+        % (the farthest). ``W_TURNOVER``, equilibrium statics with an approach: individual robots take up play on other
+        sides.
         """
-        # a sheet can accept what nominal statics leave out, not that robots differ from equilibrium statics
+        # a sheet can accept the simplification of nominal statics, not that robots differ from equilibrium statics
         accepted = {} if self.sheet is None or self.statics != "nominal" else self.sheet.accepted
-        return tuple(one.accepted(accepted) for one in statics_findings(at, self.statics, self._make_terms))
+        return tuple(finding.accepted(accepted) for finding in statics_findings(at, self.statics, self._make_terms))
 
     def __repr__(self) -> str:
         counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"
@@ -337,29 +337,29 @@ class ErrorModel:
         return rendered(title, [table for table in tables if table.rows], [*notes, f"statics {self.statics}"])
 
     def _at_once(self, values: Array, approaches: NDArray[np.int8] | None) -> Iterable[PoseModel]:
-        """Return the model at poses ``(n, P)``, with their terms made together if the sources accept that."""
+        """Return the model at poses ``(n, P)``, with terms computed for all poses at once if the sources accept it."""
         many = self.chain.at_columns(values)
         poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
         bare = [Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads) for k in range(len(many))]
         if approaches is not None:
-            bare = [replace(one, approach=tuple(own)) for one, own in zip(bare, approaches.T.tolist(), strict=True)]
+            bare = [replace(p, approach=tuple(a)) for p, a in zip(bare, approaches.T.tolist(), strict=True)]
         if self.statics == "nominal" and len(bare) > 1:
-            together = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
-            with suppress(InputError):  # raised again when the turn of the pose at fault comes
-                terms = bound_source.terms_at_many(together, bare, self.bound_sources)
+            stacked = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
+            with suppress(InputError):  # raised again when the iterator reaches the pose at fault
+                terms = bound_source.terms_at_many(stacked, bare, self.bound_sources)
                 if terms is not None:
-                    return self._models(bound_source.load_posture(together, self.bound_sources), terms, bare)
+                    return self._models(bound_source.load_posture(stacked, self.bound_sources), terms, bare)
         return map(self._at, bare)
 
     def _models(self, posture: Posture, terms: tuple[Term, ...], bare: Sequence[Posture]) -> Iterator[PoseModel]:
-        """Yield the model at each configuration of a posture; the terms have a twist for each."""
+        """Yield the model at each configuration of a posture; the terms have a twist per configuration."""
         tables = self._layout_of(terms).at_many(posture, terms)
-        for k, (one, table) in enumerate(zip(bare, tables, strict=True)):
-            loaded = one.with_loads(posture.loads[len(one.loads) :]).with_tilts(posture.tilts)
+        for k, (bare_posture, table) in enumerate(zip(bare, tables, strict=True)):
+            loaded = bare_posture.with_loads(posture.loads[len(bare_posture.loads) :]).with_tilts(posture.tilts)
             yield PoseModel(loaded, self.space, table, TermsOfPose(terms, k))
 
     def _layout_of(self, terms: tuple[Term, ...]) -> TableLayout:
-        """Return the layout of terms: the last one, unless targets or factors differ."""
+        """Return the layout of terms: the previous one, unless targets or factors differ."""
         if self._layout is None or not self._layout.fits(terms):
             self._layout = TableLayout.of(terms, self.space)
         return self._layout
@@ -369,7 +369,7 @@ class ErrorModel:
         if self.statics == "nominal":
             terms = self._make_terms(posture)
         else:
-            terms = terms_about_rest(settle(posture, self.space, self._make_terms))
+            terms = terms_about_rest(solve_equilibrium(posture, self.space, self._make_terms))
         return PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms)
 
     @cached_property
@@ -380,7 +380,7 @@ class ErrorModel:
 
     @cached_property
     def draw_words(self) -> tuple[str, ...]:
-        """Each draw of the space in words, such as ``tilt of joint2 about z``."""
+        """Description of each draw of the space, such as ``tilt of joint2 about z``."""
         return bound_source.draw_words(self.space, self.sources, self.labels)
 
     @cached_property
@@ -389,43 +389,43 @@ class ErrorModel:
         return bound_source.draw_owners(self.space, self.sources, self.labels)
 
     def like(self, chain: Chain, space: Space) -> ErrorModel:
-        """Return a model with the same sources for an arm with another target or payload, or with other laws."""
-        other = ErrorModel(chain, Space(), (), self.poses, self.statics)
-        other.sources, other.labels, other.assumed, other.space = self.sources, self.labels, self.assumed, space
-        other.approaches, other.origins, other.beyond_limits = self.approaches, self.origins, self.beyond_limits
-        return other
+        """Return a model with equal sources for an arm with another target or payload, or with other laws."""
+        model = ErrorModel(chain, Space(), (), self.poses, self.statics)
+        model.sources, model.labels, model.assumed, model.space = self.sources, self.labels, self.assumed, space
+        model.approaches, model.origins, model.beyond_limits = self.approaches, self.origins, self.beyond_limits
+        return model
 
     def measured_as(self, arm: ErrorModel, is_measured: Callable[[Target], bool]) -> ErrorModel:
-        """Return the model with the sources of a measured arm for its own errors of dimensions.
+        """Return the model with its dimensional errors replaced by the sources of a measured arm.
 
-        Of a source at several targets all must be measured; what is drawn anew at each pose or visit stays.
+        A source at several targets is replaced if all are measured; draws at each pose or visit remain.
         """
         scopes = {name: draw.scope for draw in self.space.draws for name in draw.components}
-        bare, kept = self.chain.at(np.zeros(len(self.chain.joints))), {}
+        bare, sources = self.chain.at(np.zeros(len(self.chain.joints))), {}
         for label, source, bound in zip(self.labels, self.sources, self.bound_sources, strict=True):
-            stays = source.is_dimensional and not all(is_measured(term.target) for term in bound.terms(bare))
-            if (left := source if stays else source.without_dimensions(label, scopes)) is not None:
-                kept[label] = left
-        used = {name for label, source in kept.items() for name in source.numbers(label)}
-        groups = tuple(group for group in self.space.correlations if used & set(group.names))
-        used |= {name for group in groups for name in group.names}
-        draws = tuple(draw for draw in self.space.draws if used & set(draw.components))
-        other = self.like(self.chain, Space(draws, groups))
-        other.sources = (*kept.values(), *arm.sources)
-        other.labels = (*kept, *(f"{label}#measured" for label in arm.labels))
-        other.assumed = tuple(label for label in self.assumed if label in kept)
-        return other
+            is_kept = source.is_dimensional and not all(is_measured(term.target) for term in bound.terms(bare))
+            if (remaining := source if is_kept else source.without_dimensions(label, scopes)) is not None:
+                sources[label] = remaining
+        names = {name for label, source in sources.items() for name in source.numbers(label)}
+        groups = tuple(group for group in self.space.correlations if names & set(group.names))
+        names |= {name for group in groups for name in group.names}
+        draws = tuple(draw for draw in self.space.draws if names & set(draw.components))
+        model = self.like(self.chain, Space(draws, groups))
+        model.sources = (*sources.values(), *arm.sources)
+        model.labels = (*sources, *(f"{label}#measured" for label in arm.labels))
+        model.assumed = tuple(label for label in self.assumed if label in sources)
+        return model
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
 
 
 def _settings(source: Source) -> str:
-    """Return the given settings of a source as text; a draw by its name, or else by its law."""
-    given = {name: value for name, value in source.settings().items() if value is not None and value != ()}
+    """Return the settings of a source that have a value as text; a draw by its name, or else by its law."""
+    settings = {name: value for name, value in source.settings().items() if value is not None and value != ()}
     return ", ".join(
         f"{name}={(value.name or repr(value.law)) if isinstance(value, Draw) else repr(value)}"
-        for name, value in given.items()
+        for name, value in settings.items()
     )
 
 
@@ -433,26 +433,27 @@ def read_poses(
     chain: Chain, poses: Mapping[str, ArrayLike | Mapping[str, float] | ApproachedPose]
 ) -> tuple[dict[str, Array], dict[str, Approach]]:
     """Return joint values by pose name, and the approaches of poses that have one."""
-    found, approaches = {}, {}
+    configurations, approaches = {}, {}
     for name, q in check_mapping("the poses", poses).items():
         try:
             pose, approach = (q.pose, q.approach) if isinstance(q, ApproachedPose) else (q, ())
-            found[name] = chain.configuration(pose)
-            if own := read_approach(chain.joint_names, approach):
-                approaches[name] = own
+            configurations[name] = chain.configuration(pose)
+            if directions := read_approach(chain.joint_names, approach):
+                approaches[name] = directions
         except InputError as error:
             raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
-    return found, approaches
+    return configurations, approaches
 
 
 _NAMES: Final = ("x", "y", "z", "rx", "ry", "rz")
+"""Settings of a ``frame`` source, in the order of ``[d; δ]``."""
 
 
 def every_frame(chain: Chain) -> ErrorModel:
     """Return a model with all six displacements at every joint, at the base and at the tool.
 
     Each is normal with a standard deviation of 1 mm or 1 mrad. With :func:`precision_pin.identifiability` it shows
-    which combinations of geometric errors measurements can tell apart.
+    which combinations of geometric errors measurements can distinguish.
 
     Examples:
         >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
@@ -467,15 +468,15 @@ def every_frame(chain: Chain) -> ErrorModel:
 
 
 def displaced_arm(chain: Chain, placements: Array) -> ErrorModel:
-    """Return the model of an arm with other placements, each reached by fixed displacements.
+    """Return the model of an arm with other placements, expressed by fixed displacements.
 
-    ``placements`` ``(n + 1, 4, 4)`` are those of the joints' seats, and last of the tip, each in the chain link before
-    it.
+    ``placements`` ``(n + 1, 4, 4)`` are those of the joints' seats, and finally of the tip, each in the preceding chain
+    link.
     """
     sources = []
     for k, (old, new) in enumerate(zip(chain.placements, placements, strict=True)):
-        moved = se3.inverse(old) @ new
-        values = np.concatenate([moved[:3, 3], se3.log_rotation(moved[:3, :3])]).tolist()
+        displacement = se3.inverse(old) @ new
+        values = np.concatenate([displacement[:3, 3], se3.log_rotation(displacement[:3, :3])]).tolist()
         place = {"joint": chain.joint_names[k]} if k < len(chain.joints) else {"frame": chain.tip}
         sources.append(Frame(**place, **dict(zip(_NAMES, values, strict=True))))
     return ErrorModel(chain, Space(), sources)

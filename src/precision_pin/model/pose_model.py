@@ -35,13 +35,13 @@ from precision_pin.terms.term import JointValue, Target, Term
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A rigid piece of the drawn arm.
+    """Rigid part of the drawn arm.
 
     Attributes:
         name: Name of its node below ``arm``.
         frame: Its pose in the chain link's axes, ``(4, 4)``.
-        rank: Position of its URDF link among those of the chain link from base to tip; ``None`` for the tip and what
-            hangs on it.
+        rank: Position of its URDF link among the links of the chain link from base to tip; ``None`` for the tip and
+            parts attached to it.
     """
 
     name: str
@@ -50,9 +50,9 @@ class Part:
     rank: int | None
 
     def targets_before(self, targets: Sequence[Target]) -> int:
-        """Return how many of the targets, in chain order, move it: the first so many."""
-        # A URDF link's own frame moves it; a custom place or the end of its chain link moves only what comes after. All
-        # move the tip.
+        """Return the number of targets that move it: the first ones in chain order."""
+        # The frame of its URDF link moves it; a custom place or the end of its chain link moves only later parts. All
+        # targets move the tip.
         if self.rank is None:
             return len(targets)
         last = (self.link, ORDER_FRAME, self.rank)
@@ -62,6 +62,7 @@ class Part:
         )
 
 
+# components of ``[d; δ]`` and their units in a notebook
 _COMPONENTS: Final = (("dx", "mm"), ("dy", "mm"), ("dz", "mm"), ("δx", "mrad"), ("δy", "mrad"), ("δz", "mrad"))
 
 
@@ -85,25 +86,25 @@ class PoseModel:
         Σ J_target · twist · product of factors, with J at the undisplaced chain.
         """
         values = self._check(x)
-        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
-        return np.einsum("kij,kjn->in", self.table.sensitivities, moved)
+        displacements = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        return np.einsum("kij,kjn->in", self.table.sensitivities, displacements)
 
     def exact(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` of the displaced chain as a product of poses, for component values ``(d, N)``.
 
         ``T' = Π (T_k E_k T_k⁻¹) · T`` over the targets in chain order, T_k their undisplaced poses. Raises InputError if
-        a target turns by π or more, so that its rotation vector is not unique; or an error overflows.
+        a target rotates by π or more, so that its rotation vector is not unique, or an error overflows.
         """
         values = self._check(x)
-        with _refuses_overflow():
+        with _check_overflow():
             return self._multiply_out(values)
 
     def _multiply_out(self, values: Array) -> Array:
-        moved = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
+        displacements = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
         motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, values.shape[1]))
-        _refuse_half_turns(moved[:, 3:], axis=1)
-        for frame, displacement, back in zip(self.table.frames, moved, self.table.inverse_frames, strict=True):
-            inserted = se3.compose(frame, se3.displacement(displacement), back)
+        _check_half_turns(displacements[:, 3:], axis=1)
+        for frame, twist, inverse in zip(self.table.frames, displacements, self.table.inverse_frames, strict=True):
+            inserted = se3.compose(frame, se3.displacement(twist), inverse)
             motion = se3.compose(motion, inserted)
         tip = self.table.pose[:3, 3]
         shift = np.einsum("ijn,j->in", motion[:3, :3], tip) + motion[:3, 3] - tip[:, None]
@@ -114,12 +115,12 @@ class PoseModel:
     def tangent(self) -> tuple[Array, Array]:
         """First-order model of :meth:`exact` at the components' means: ``(e0 (6,), J (6, d))``.
 
-        Under gravity it is that of the deflected arm, and differs from :meth:`linear`.
+        Under gravity it holds for the deflected arm, and differs from :meth:`linear`.
         """
         return self.error_at_means, self._add_up(self.jacobian_parts)
 
     def jacobian_at(self, x: Array, error: Array) -> Array:
-        """Return the derivative ``(6, d)`` of :meth:`exact` at component values ``(d,)``, where its error is ``(6,)``."""
+        """Return the derivative ``(6, d)`` of :meth:`exact` at component values ``(d,)`` with the error ``(6,)``."""
         return self._add_up(self._slopes_at(x, error))
 
     def _add_up(self, parts: tuple[SlopeColumns, ...]) -> Array:
@@ -142,19 +143,19 @@ class PoseModel:
     def _slopes_at(self, x: Array, error: Array) -> tuple[SlopeColumns, ...]:
         """Return each target's part in the derivative of :meth:`exact` at component values ``(d,)`` with this error."""
         table = self.table
-        moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
+        displacements = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
         tip = table.pose[:3, 3] + error[:3]
-        turn = se3.left_jacobian_inverse(error[3:])
+        rotation_rates = se3.left_jacobian_inverse(error[3:])
         parts = []
         motion = np.eye(4)
-        entries = zip(table.frames, moved, table.inverse_frames, table.displacement_slopes(x), strict=True)
-        for frame, displacement, back, local in entries:
+        entries = zip(table.frames, displacements, table.inverse_frames, table.displacement_slopes(x), strict=True)
+        for frame, displacement, inverse_frame, local in entries:
             turning = se3.left_jacobian(displacement[3:]) @ local.slopes[3:]
             twist = np.concatenate([local.slopes[:3] + se3.skew(displacement[:3]) @ turning, turning])
             spatial = se3.adjoint(motion @ frame) @ twist
-            slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], turn @ spatial[3:]])
+            slopes = np.concatenate([spatial[:3] - se3.skew(tip) @ spatial[3:], rotation_rates @ spatial[3:]])
             parts.append(SlopeColumns(local.columns, slopes))
-            motion = motion @ frame @ se3.displacement(displacement) @ back
+            motion = motion @ frame @ se3.displacement(displacement) @ inverse_frame
         return tuple(parts)
 
     @property
@@ -204,7 +205,7 @@ class PoseModel:
         return rendered(title, [Table(columns, rows, words=2)], [f"{pose}; base axes", counts])
 
     def _check(self, x: ArrayLike) -> Array:
-        # not copied, unlike other arrays: it may be large and is only read
+        # not copied, unlike other arguments: it may be large and is only read
         values = x if type(x) is np.ndarray and x.dtype == np.float64 else check_numbers("x", x)
         if values.ndim != 2 or values.shape[0] != self.space.size:
             raise InputError(f"x has shape {values.shape}, expected ({self.space.size}, N): rows as in model.space")
@@ -231,32 +232,32 @@ def joint_value(joint: Joint, value: float) -> str:
 
 
 NOT_STATED: Final = "not stated"
-"""For numbers whose origin the sheet does not state."""
+"""Provenance of values without one in the sheet."""
 
 OriginShares = Mapping[str, tuple[float, float]]
-"""Fraction of the variance of position and attitude by provenance; they add up to one where the error varies."""
+"""Share of the variance of position and attitude by provenance; shares add to one if the error varies."""
 
 
 def origins_of_numbers(stated: Mapping[str, Origin], space: Space, owners: Sequence[Sequence[str]]) -> dict[str, str]:
-    """Return where each number of a space comes from, by its name; empty if nothing is stated."""
+    """Return the origin of each component of a space, by name; empty texts if nothing is stated."""
     pairs = zip(space.draws, owners, strict=True)
-    return {name: kind for draw, own in pairs for kind in [_origin(stated, draw, own)] for name in draw.components}
+    return {name: kind for draw, users in pairs for kind in [_origin(stated, draw, users)] for name in draw.components}
 
 
 def _origin(stated: Mapping[str, Origin], draw: Draw, owners: Sequence[str]) -> str:
-    """Return where a draw comes from: by its own entry in the sheet, else its setting's, else a source's."""
-    label = next((own for own in owners if draw.name.startswith(f"{own}.")), "")
+    """Return the origin of a draw: that of its parameter in the sheet, else of its setting, else of a source."""
+    label = next((owner for owner in owners if draw.name.startswith(f"{owner}.")), "")
     setting = draw.name.removeprefix(f"{label}.").partition(".")[0].partition("[")[0] if label else ""
-    named = [f"parameters.{draw.name}", f"{label}.{setting}", *owners]
-    # a number that several sources use is as certain as the least certain of them
-    kinds = [stated[name].kind for name in named if name in stated]
+    paths = [f"parameters.{draw.name}", f"{label}.{setting}", *owners]
+    # a draw of several sources is as certain as the least certain source
+    kinds = [stated[name].kind for name in paths if name in stated]
     if f"parameters.{draw.name}" in stated or (setting and f"{label}.{setting}" in stated):
         return kinds[0]
     return "assumed" if "assumed" in kinds else next(iter(kinds), "")
 
 
 def origin_shares(origins: Mapping[str, str], at: PoseModel) -> OriginShares:
-    """Return the fraction of the first-order variance from each provenance; empty if no provenance is stated."""
+    """Return the share of the first-order variance of each provenance; empty if no provenance is stated."""
     # ``Cov(e_k, e)``, summed over the parameters of each provenance
     if not any(origins.values()):
         return {}
@@ -265,13 +266,13 @@ def origin_shares(origins: Mapping[str, str], at: PoseModel) -> OriginShares:
     spread = space.block_covariance.times(np.ascontiguousarray(jacobian.T))
     by_component = [np.einsum("id,di->d", jacobian[rows], spread[:, rows]) for rows in (slice(0, 3), slice(3, 6))]
     totals = [float(parts.sum()) for parts in by_component]
-    found: dict[str, list[float]] = {}
+    shares: dict[str, list[float]] = {}
     for column, name in enumerate(space.components):
-        sums = found.setdefault(origins.get(name, "") or NOT_STATED, [0.0, 0.0])
+        sums = shares.setdefault(origins.get(name, "") or NOT_STATED, [0.0, 0.0])
         for vector, parts in enumerate(by_component):
             if totals[vector] > 0:
                 sums[vector] += float(parts[column]) / totals[vector]
-    ordered = sorted(found.items(), key=lambda entry: -entry[1][0])
+    ordered = sorted(shares.items(), key=lambda entry: -entry[1][0])
     return {kind: (sums[0], sums[1]) for kind, sums in ordered}
 
 
@@ -286,9 +287,9 @@ class Tangents(Fixed):
     Attributes:
         error: Error of the exact model with every component at its mean, ``(6, P)``.
         jacobian: Its derivative by the components, ``(6, d, P)``.
-        arms: Per unit of each term's product, the turn of what lies beyond its place, and a bound of the tip's shift:
-            the place's shift plus turn times distance, ``(2, T, P)``.
-        table: The table of one of the poses; targets, factors and formulas are the same at all.
+        arms: Per unit of each term's product, the rotation of the parts beyond its place, and a bound of the tip's
+            shift: the place's shift plus rotation times distance, ``(2, T, P)``.
+        table: The table of one of the poses; targets, factors and formulas are equal at all poses.
     """
 
     error: Array
@@ -302,19 +303,19 @@ def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
     remaining = iter(models)
     while chunk := list(islice(remaining, AT_ONCE)):
         while chunk:
-            # tables of one layout share their arrays; the formulas of a model rarely change between poses
+            # tables of equal layout share their arrays; the formulas of a model rarely change between poses
             first = chunk[0].table
             parts = ("program", "factors", "target")
-            same = [all(getattr(first, part) is getattr(at.table, part) for part in parts) for at in chunk]
-            alike = [*same, False].index(False)
-            with _refuses_overflow():
-                part = _multiply_out(chunk[0].space.mean, [at.table for at in chunk[:alike]])
+            has_layout = [all(getattr(first, part) is getattr(at.table, part) for part in parts) for at in chunk]
+            count = [*has_layout, False].index(False)
+            with _check_overflow():
+                part = _multiply_out(chunk[0].space.mean, [at.table for at in chunk[:count]])
             yield part
-            chunk = chunk[alike:]
+            chunk = chunk[count:]
 
 
 @contextmanager
-def _refuses_overflow() -> Iterator[None]:
+def _check_overflow() -> Iterator[None]:
     try:
         with np.errstate(over="raise", invalid="raise"):
             yield
@@ -322,9 +323,9 @@ def _refuses_overflow() -> Iterator[None]:
         raise InputError("an error is too large to compute with; the tolerances or loads are far too large") from None
 
 
-def _refuse_half_turns(turns: Array, axis: int) -> None:
+def _check_half_turns(turns: Array, axis: int) -> None:
     if np.sqrt((turns**2).sum(axis=axis)).max(initial=0.0) >= np.pi:
-        raise InputError("an error turns a place by half a turn or more; the tolerances or loads are far too large")
+        raise InputError("an error rotates a frame by 180° or more; the tolerances or loads are far too large")
 
 
 def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
@@ -342,24 +343,24 @@ def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
         displacement = np.zeros((6, poses))
         for term in terms:
             displacement += twists[term] * products[term]
-        _refuse_half_turns(displacement[3:], axis=0)
+        _check_half_turns(displacement[3:], axis=0)
         frame = frames[target]
         local = np.moveaxis(twists[terms], 0, 1)
         turning = np.einsum("ijp,jtp->itp", se3.left_jacobian(displacement[3:]), local[3:])
         moving = local[:3] + _cross(displacement[:3, None], turning)
         before = se3.compose(motion, frame)
-        turned = np.einsum("ijp,jtp->itp", before[:3, :3], turning)
-        moved = np.einsum("ijp,jtp->itp", before[:3, :3], moving)
-        spatial[:3, terms] = moved + _cross(before[:3, 3][:, None], turned)
-        spatial[3:, terms] = turned
-        arms[:, terms] = np.sqrt([(turned**2).sum(axis=0), (moved**2).sum(axis=0)])
+        rotated = np.einsum("ijp,jtp->itp", before[:3, :3], turning)
+        translations = np.einsum("ijp,jtp->itp", before[:3, :3], moving)
+        spatial[:3, terms] = translations + _cross(before[:3, 3][:, None], rotated)
+        spatial[3:, terms] = rotated
+        arms[:, terms] = np.sqrt([(rotated**2).sum(axis=0), (translations**2).sum(axis=0)])
         pivots[terms] = before[:3, 3]
         motion = se3.compose(before, se3.displacement(displacement), se3.inverse(frame))
     shift = np.einsum("ijp,jp->ip", motion[:3, :3], tip) + motion[:3, 3] - tip
     error = np.concatenate([shift, se3.log_rotation(motion[:3, :3])])
-    turn = np.moveaxis(np.linalg.inv(np.moveaxis(se3.left_jacobian(error[3:]), -1, 0)), 0, -1)
+    rate = np.moveaxis(np.linalg.inv(np.moveaxis(se3.left_jacobian(error[3:]), -1, 0)), 0, -1)
     rates = np.concatenate(
-        [spatial[:3] - _cross((tip + error[:3])[:, None], spatial[3:]), np.einsum("ijp,jtp->itp", turn, spatial[3:])]
+        [spatial[:3] - _cross((tip + error[:3])[:, None], spatial[3:]), np.einsum("ijp,jtp->itp", rate, spatial[3:])]
     )
     jacobian = np.zeros((6, mean.size, poses))
     for term, component, slope in entries:
@@ -372,6 +373,6 @@ def _cross(left: Array, right: Array) -> Array:
     """Return the cross products of vectors ``(3, ...)``; ``np.cross`` is several times slower."""
     result = np.empty(np.broadcast_shapes(left.shape, right.shape))
     for k in range(3):
-        one, other = (k + 1) % 3, (k + 2) % 3
-        np.subtract(left[one] * right[other], left[other] * right[one], out=result[k])
+        first, second = (k + 1) % 3, (k + 2) % 3
+        np.subtract(left[first] * right[second], left[second] * right[first], out=result[k])
     return result

@@ -1,4 +1,4 @@
-"""Findings about a model at poses before it is sampled, and what a verdict rests on besides its samples."""
+"""Findings about a model at poses before sampling, and conditions of a verdict other than the samples."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from precision_pin.statistics import NO_SPREAD, Grounds
 from precision_pin.statistics.accumulate import quantity_values
 
 _MOST_POSES: Final = 50
-"""Most poses, evenly spaced, for the fraction of variance taken as exact."""
+"""Maximum number of poses, evenly spaced, for the fraction of variance taken as exact: enough for its range in a message."""
 _ROBOTS: Final = (2**8, 2**14, 2**20)
-"""Fewest and most robots at a pose by which the linear model is compared with the exact one, and most at all poses."""
+"""Minimum and maximum number of robots per pose, and maximum at all poses, to compare the linear and the exact model."""
 _SPEED_SLACK: Final = 1e-6
 """Fraction by which a speed may exceed its limit: times and joint values of a file are rounded."""
 
@@ -37,24 +37,24 @@ def grounds_at(
     both: Iterable[tuple[Array, Array]] = (),
     unreached: str = "",
 ) -> Grounds:
-    """Return the grounds of a verdict over poses: not judged if one is outside limits, not reached, or passed too fast.
+    """Return the grounds of a verdict over poses: not judged if a pose is outside limits, unreached, or passed too fast.
 
     Args:
-        model: The model; with ``beyond_limits`` poses are judged wherever they are.
+        model: The model; with ``beyond_limits`` all poses are judged.
         values: Joint values ``(n, P)``.
         labels: Labels of several poses, for the reason.
         times: Times of a path's poses, s, ``(P,)``.
-        unreached: Which poses have no joint values; those that the model's sheet lists count too.
+        unreached: Text about poses without joint values (default: from the findings of the model's sheet).
         both: Robots at each pose by both models, as from :func:`by_both_models`; the largest errors count.
     """
-    lost = _Lost.of(model)
-    exact = () if lost is None else lost.names
-    most = largest_of_both(both)
+    removed = _RemovedTolerances.of(model)
+    exact = () if removed is None else removed.names
+    largest = largest_of_both(both)
     if model.beyond_limits:
-        return Grounds("", exact, most)
+        return Grounds("", exact, largest)
     findings = () if model.sheet is None else model.sheet.findings
-    unreached = unreached or next((one.message for one in findings if one.code == "W_UNREACHED"), "")
-    return Grounds(_outside(model, values, labels) or unreached or _too_fast(model, values, times), exact, most)
+    unreached = unreached or next((finding.message for finding in findings if finding.code == "W_UNREACHED"), "")
+    return Grounds(_outside(model, values, labels) or unreached or _too_fast(model, values, times), exact, largest)
 
 
 def by_both_models(
@@ -62,7 +62,7 @@ def by_both_models(
 ) -> Iterator[tuple[Array, Array]]:
     """Yield the eight absolute quantities of robots at each pose by the linear and the exact model, ``(8, n)`` each.
 
-    Nothing where the exact model is sampled. Infinite where that has no error, as its rotations are too large.
+    Nothing if the exact model is sampled. Infinite if the exact model has no error, since a rotation is too large.
     """
     robots = max(_ROBOTS[0], min(_ROBOTS[1], _ROBOTS[2] // poses))
     for pose, at in enumerate(models if sampled == "linear" else ()):
@@ -73,11 +73,11 @@ def by_both_models(
 
 
 def largest_of_both(both: Iterable[tuple[Array, Array]]) -> tuple[Array, Array] | None:
-    """Return each robot's largest quantities by both models over poses, as from :func:`by_both_models`; None without any."""
-    most: tuple[Array, Array] | None = None
+    """Return the largest quantities of each robot by both models, from :func:`by_both_models`; None without poses."""
+    largest: tuple[Array, Array] | None = None
     for pair in both:
-        most = pair if most is None else (np.maximum(most[0], pair[0]), np.maximum(most[1], pair[1]))
-    return most
+        largest = pair if largest is None else (np.maximum(largest[0], pair[0]), np.maximum(largest[1], pair[1]))
+    return largest
 
 
 def grounds_at_each(
@@ -87,15 +87,15 @@ def grounds_at_each(
     inside = grounds_at(model, values[:, :0])
     limited, at = model.chain.limited(values)
     outside = np.asarray(limited.outside(at).any(axis=0)) & np.full(1, not model.beyond_limits)
-    found = [
+    all_grounds = [
         replace(inside, not_judged=_outside(model, values[:, [pose]], [labels[pose]])) if is_outside else inside
         for pose, is_outside in enumerate(outside.tolist())
     ]
-    return [replace(one, both=errors) for one, errors in zip_longest(found, both)]
+    return [replace(grounds, both=errors) for grounds, errors in zip_longest(all_grounds, both)]
 
 
 def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> str:
-    """Return which joint is outside its limits first, at poses ``(n, P)``, or empty."""
+    """Return a text about the first joint outside its limits at poses ``(n, P)``, or an empty text."""
     limited, values = model.chain.limited(values)
     outside = limited.outside(values)
     poses = np.flatnonzero(outside.any(axis=0))
@@ -114,18 +114,18 @@ def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> st
 
 
 def _too_fast(model: ErrorModel, values: Array, times: NDArray[np.float64] | None) -> str:
-    """Return which joint exceeds its ``velocity`` first, between poses ``(n, P)`` at these times, or empty."""
+    """Return a text about the first joint beyond its ``velocity`` between poses ``(n, P)`` at these times, or empty."""
     # a velocity of zero limits nothing
     if times is None or len(times) < 2:
         return ""
     joints = model.chain.joints
-    most = np.array(
-        [np.inf if one.limit is None or not one.limit.velocity > 0 else one.limit.velocity for one in joints]
+    limits = np.array(
+        [np.inf if joint.limit is None or not joint.limit.velocity > 0 else joint.limit.velocity for joint in joints]
     )
     # dividing by a tiny step may overflow, which counts as too fast
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         speeds = np.abs(np.diff(values, axis=1)) / np.diff(times)
-    fast = speeds > most[:, None] * (1 + _SPEED_SLACK)
+    fast = speeds > limits[:, None] * (1 + _SPEED_SLACK)
     steps = np.flatnonzero(fast.any(axis=0))
     if not steps.size:
         return ""
@@ -135,7 +135,7 @@ def _too_fast(model: ErrorModel, values: Array, times: NDArray[np.float64] | Non
     more = f", and so are joints in {steps.size - 1:,} more of {len(times) - 1:,} steps" if steps.size > 1 else ""
     return (
         f"{visible(joints[k].name)} is faster than its limit from t = {times[step]:.7g} s to {times[step + 1]:.7g} s: "
-        f"{scale * speeds[k, step]:.6g} {unit}/s, limit {scale * most[k]:.6g} {unit}/s{more}"
+        f"{scale * speeds[k, step]:.6g} {unit}/s, limit {scale * limits[k]:.6g} {unit}/s{more}"
     )
 
 
@@ -146,23 +146,23 @@ def speed_findings(model: ErrorModel, values: Array, times: NDArray[np.float64] 
 
 
 def exact_findings(model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None = None) -> tuple[Finding, ...]:
-    """Return a warning of the first-order variance lost at poses ``(n, P)`` because changes fixed laws to values."""
-    lost = _Lost.of(model)
-    if lost is None:
+    """Return a warning of the first-order variance lost at poses ``(n, P)`` by changes from laws to fixed values."""
+    removed = _RemovedTolerances.of(model)
+    if removed is None:
         return ()
     poses = values.shape[1]
-    chosen = np.unique(np.linspace(0, poses - 1, min(poses, _MOST_POSES)).round().astype(np.intp))
-    shares = lost.shares(model, values[:, chosen], None if approaches is None else approaches[:, chosen])
+    columns = np.unique(np.linspace(0, poses - 1, min(poses, _MOST_POSES)).round().astype(np.intp))
+    parts = removed.shares(model, values[:, columns], None if approaches is None else approaches[:, columns])
     texts = []
-    for name, own in zip(("position", "attitude"), shares, strict=True):
-        low, high = 100 * own.min(), 100 * own.max()
+    for name, fractions in zip(("position", "attitude"), parts, strict=True):
+        low, high = 100 * fractions.min(), 100 * fractions.max()
         spread = f"{high:.3g}" if high - low < 0.05 else f"{low:.3g} to {high:.3g}"
         texts.append(f"{spread} % of the variance of the {name}")
-    of_all = f"{len(chosen)} of {poses:,}" if len(chosen) < poses else f"{poses}"
+    of_all = f"{len(columns)} of {poses:,}" if len(columns) < poses else f"{poses}"
     over = f" (over {of_all} poses)" if poses > 1 else ""
-    are = "are" if len(lost.names) > 1 else "is"
+    are = "are" if len(removed.names) > 1 else "is"
     message = (
-        f"{', '.join(map(visible, lost.names))} {are} taken as exact by a change of the sheet; with this went "
+        f"{', '.join(map(visible, removed.names))} {are} taken as exact by a change of the sheet; with this went "
         f"{' and '.join(texts)}, to first order{over}"
     )
     return (Finding("warning", "W_TAKEN_AS_EXACT", message),)
@@ -180,13 +180,13 @@ def _unit(slides: bool) -> tuple[float, str]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Lost:
-    """Random numbers of the unchanged sheet whose tolerance a change removed, from some or all of their sources.
+class _RemovedTolerances:
+    """Draws of the unchanged sheet whose tolerance a change removed, from some or all of their sources.
 
     Attributes:
         before: The model of the unchanged sheet.
         draws: Positions of the draws in its space.
-        names: Paths of what is taken as exact: ``parameters.NAME``, a source's label, or one of its settings.
+        names: Paths of values taken as exact: ``parameters.NAME``, a source's label, or one of its settings.
     """
 
     before: ErrorModel
@@ -195,47 +195,47 @@ class _Lost:
 
     @staticmethod
     @lru_cache(maxsize=1)
-    def of(model: ErrorModel) -> _Lost | None:
-        """Return what changes of the model's sheet have removed, if anything; cached: grounds and warning both ask."""
+    def of(model: ErrorModel) -> _RemovedTolerances | None:
+        """Return the tolerances removed by changes of the model's sheet, if any; cached for grounds and warning."""
         if model.sheet is None or model.sheet.contents is None or (unchanged := model.sheet.unchanged) is None:
             return None
         if ("calibrated",) in model.sheet.contents.text.changes:
-            # another calibration, or none, takes nothing as exact: the underlying laws count
+            # another calibration, or none, makes no value exact: the underlying laws count
             unchanged = replace(unchanged, estimates=None)
             model = ErrorModel.from_sheet(replace(model.sheet, estimates=None))
         before = ErrorModel.from_sheet(unchanged)
-        had, has = _uses(before), _uses(model)
-        lost = sorted(had - has)
-        if not lost:
+        uses_before, uses = _uses(before), _uses(model)
+        removed = sorted(uses_before - uses)
+        if not removed:
             return None
-        named = {draw.name for draw in unchanged.space.draws}
-        left = {label for _, label in has}
-        drawn = {name for name, _ in has}
+        parameters = {draw.name for draw in unchanged.space.draws}
+        used_labels = {label for _, label in uses}
+        used_names = {name for name, _ in uses}
         names = []
-        for name, label in lost:
-            if name in named and name not in drawn:
+        for name, label in removed:
+            if name in parameters and name not in used_names:
                 names.append(f"parameters.{name}")
             else:
-                names.append(label if label not in left or name in named else name)
-        gone = {name for name, _ in lost}
-        positions = tuple(k for k, draw in enumerate(before.space.draws) if draw.name in gone)
-        return _Lost(before, positions, tuple(dict.fromkeys(names)))
+                names.append(label if label not in used_labels or name in parameters else name)
+        removed_names = {name for name, _ in removed}
+        positions = tuple(k for k, draw in enumerate(before.space.draws) if draw.name in removed_names)
+        return _RemovedTolerances(before, positions, tuple(dict.fromkeys(names)))
 
     def shares(self, model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
         """Return ``Cov(e_k, e)`` of the removed part, over the variance of position and attitude, ``(2, P)``."""
         columns = np.concatenate([np.arange(self.before.space.size)[self.before.space.slices[k]] for k in self.draws])
-        here, names = model.space.index, np.array(self.before.space.components)[columns]
-        kept = [(row, here[name]) for row, name in enumerate(names) if name in here]
+        index, names = model.space.index, np.array(self.before.space.components)[columns]
+        remaining = [(row, index[name]) for row, name in enumerate(names) if name in index]
         shares = []
         pairs = zip(self.before.at_columns(values, approaches), model.at_columns(values, approaches), strict=True)
-        for was, now in pairs:
-            part = was.jacobian[:, columns].copy()
-            for row, column in kept:
-                part[:, row] -= now.jacobian[:, column] * (now.space.block_covariance.variances[column] > 0)
-            spread = was.space.block_covariance.times(np.ascontiguousarray(was.jacobian.T))
-            whole = np.einsum("id,di->i", was.jacobian, spread).reshape(2, 3).sum(axis=1)
-            went = np.einsum("id,di->i", part, spread[columns]).reshape(2, 3).sum(axis=1)
-            shares.append(np.divide(went, whole, out=np.zeros(2), where=whole > 0))
+        for before, after in pairs:
+            part = before.jacobian[:, columns].copy()
+            for row, column in remaining:
+                part[:, row] -= after.jacobian[:, column] * (after.space.block_covariance.variances[column] > 0)
+            spread = before.space.block_covariance.times(np.ascontiguousarray(before.jacobian.T))
+            totals = np.einsum("id,di->i", before.jacobian, spread).reshape(2, 3).sum(axis=1)
+            removed = np.einsum("id,di->i", part, spread[columns]).reshape(2, 3).sum(axis=1)
+            shares.append(np.divide(removed, totals, out=np.zeros(2), where=totals > 0))
         return np.array(shares).T
 
 
@@ -251,20 +251,21 @@ def _uses(model: ErrorModel) -> set[tuple[str, str]]:
 
 
 MOST_POSES: Final = 200
-"""Most poses of a sheet that are tried; for others only joint limits are checked, which is fast."""
+"""Maximum number of poses of a sheet that are evaluated; for others only joint limits are checked, which is fast."""
 MOST_NUMBERS: Final = 500
-"""Most random numbers with which the first-order model, which needs every derivative, is checked."""
+"""Maximum number of components for checks of the first-order model, which needs every derivative."""
 _LARGEST_SQUARE: Final = 1e75
+"""Largest squared error (m², rad²): products of two fourth moments, as in intervals of covariances, stay below 1e300."""
 
 
 def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple[Finding, ...]:
-    """Return the findings, errors included, that an analysis at a pose would have about the pose itself."""
-    # Warnings about the statics' range of validity are left to the analysis: they concern an assumption of the model,
-    # not the sheet. With more than 500 random numbers, some robots are sampled instead of the first-order check.
+    """Return the findings, including errors, that an analysis at a pose would have about the pose."""
+    # Warnings about the range of validity of the statics are left to the analysis: they concern an assumption of the
+    # model, not the sheet. With more than 500 components, some robots are sampled instead of the first-order check.
     try:
         with np.errstate(over="raise"):
             at = model.at(pose)
-            found = [*at.findings("exact")]
+            findings = [*at.findings("exact")]
             if at.space.size <= MOST_NUMBERS:
                 largest = max(float(np.abs(at.error_at_means).max()) ** 2, float(np.abs(at.covariance).max()))
                 if largest > _LARGEST_SQUARE:
@@ -273,25 +274,25 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
                 message = (
                     "no source makes the error vary: all robots have the same error, and no specification can be judged"
                 )
-                found.append(Finding("warning", "W_NOTHING_VARIES", message))
+                findings.append(Finding("warning", "W_NOTHING_VARIES", message))
     except (OverflowError, FloatingPointError):
         message = "the errors are too large to compute with; the tolerances or loads are far too large"
         return (Finding("error", "E_INPUT", message),)
     except InputError as error:
         return error.findings
-    return tuple(found)
+    return tuple(findings)
 
 
 def strained_findings(
     model: ErrorModel, pose: Array | ApproachedPose, label: str, *, first_order: bool = False
 ) -> tuple[Finding, ...]:
     """Return the named warnings at one pose of many about statics and, if requested, about first-order results."""
-    # an analysis of many poses checks only the one with the largest error, since each check solves the deflected arm
-    # not model.at, which would warn of joint limits once more
+    # an analysis of many poses checks only the pose with the largest error, since each check solves the deflected arm;
+    # not by model.at, which would repeat warnings of joint limits
     q, approach = model.configuration(pose)[:, None], model.approach(pose)
     at = next(model.at_columns(q, np.array(approach, dtype=np.int8)[:, None] if approach else None))
-    found = (*model.statics_findings(at), *(turnover_findings(at) if first_order else ()))
-    return tuple(replace(one, message=f"{label}: {one.message}") for one in found)
+    findings = (*model.statics_findings(at), *(turnover_findings(at) if first_order else ()))
+    return tuple(replace(finding, message=f"{label}: {finding.message}") for finding in findings)
 
 
 def _varies(at: PoseModel) -> bool:

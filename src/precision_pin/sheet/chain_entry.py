@@ -35,16 +35,17 @@ PoseText = PlainPose | Mapping[str, str | list[str] | dict[str, str]]
 
 VALUES: Final = "q"
 APPROACH: Final = "approach"
+"""Keys of a pose with an approach."""
 
 
 def parse_poses(
-    given: Mapping[str, PoseText], findings: Findings, chain: Chain
+    entries: Mapping[str, PoseText], findings: Findings, chain: Chain
 ) -> tuple[dict[str, Array], dict[str, Approach]]:
     """Return joint values by pose name, and the approaches of poses that have one, without invalid poses."""
     poses: dict[str, Array] = {}
     approaches: dict[str, Approach] = {}
-    following: list[str] = []
-    for rank, (name, value) in enumerate(given.items()):
+    path_poses: list[str] = []
+    for rank, (name, value) in enumerate(entries.items()):
         if name == "<<":
             findings.error(("poses", name), "'<<' would merge keys, which sheets do not support; write the keys out")
             continue
@@ -58,13 +59,13 @@ def parse_poses(
             message = "the approach is from the previous pose, but this is the first; give + or - by joint"
             findings.error(("poses", name, APPROACH), message)
         elif approach == PREVIOUS:
-            following.append(name)
+            path_poses.append(name)
         else:
             with findings.taking("poses", name, APPROACH):
                 approaches[name] = read_approach(chain.joint_names, approach)
-    along = approaches_along(np.column_stack([*poses.values()])) if following else np.zeros(0)
+    path_approaches = approaches_along(np.column_stack([*poses.values()])) if path_poses else np.zeros(0)
     ranks = {name: rank for rank, name in enumerate(poses)}
-    approaches |= {name: tuple(along[:, ranks[name]].tolist()) for name in following}
+    approaches |= {name: tuple(path_approaches[:, ranks[name]].tolist()) for name in path_poses}
     return poses, {name: approaches[name] for name in poses if any(approaches.get(name, ()))}
 
 
@@ -75,11 +76,11 @@ def split_pose(value: PoseText, chain: Chain) -> tuple[PlainPose, Any]:
     """
     approach: Any = ()
     if isinstance(value, Mapping) and {VALUES, APPROACH} & (value.keys() - set(chain.joint_names)):
-        wrong = [key for key in value if key not in (VALUES, APPROACH)]
-        if wrong or VALUES not in value:
+        unknown = [key for key in value if key not in (VALUES, APPROACH)]
+        if unknown or VALUES not in value:
             what = (
-                f"unknown key {wrong[0]!r} beside q: and approach:"
-                if wrong
+                f"unknown key {unknown[0]!r} next to q: and approach:"
+                if unknown
                 else "approach: needs the joint values as q:"
             )
             raise InputError(f"{what}; write {{q: 10 20 30 deg, approach: {{joint: +}}}}")
@@ -94,8 +95,8 @@ def parse_pose(value: PlainPose, chain: Chain) -> Array:
     """Return joint values in chain order from text: numbers with one unit, a list, or a mapping by joint."""
     quantities = [joint_quantity(joint) for joint in chain.joints]
     if isinstance(value, Mapping):
-        named = {name: _parse_at(name, text, quantities[chain.joint_index(name)]) for name, text in value.items()}
-        return chain.configuration(named)
+        values = {name: _parse_at(name, text, quantities[chain.joint_index(name)]) for name, text in value.items()}
+        return chain.configuration(values)
     if isinstance(value, str):
         if len(set(quantities)) > 1:
             message = "the chain has revolute and prismatic joints: give each joint value its own unit, by joint name"
@@ -112,6 +113,7 @@ def _parse_at(where: str | int, text: str, quantity: units.Quantity) -> float:
 
 
 _EXAMPLE: Final = "0 0 100 mm"
+"""A target, for messages: a tool tip 100 mm along z."""
 
 
 def parse_target(text: str) -> list[float]:
@@ -127,11 +129,12 @@ def parse_target(text: str) -> list[float]:
 
 
 GRAVITIES: Final = {"earth": EARTH, "moon": (0.0, 0.0, -1.62), "none": (0.0, 0.0, 0.0)}
+"""Named values of ``gravity:``, base axes with z up, m/s²; at the surface of the moon 1.62."""
 
 
 @dataclass(frozen=True)
 class Overrides:
-    """Values from the command line that replace the sheet's; ``None`` keeps the sheet's."""
+    """Values from the command line that replace values of the sheet; ``None`` keeps the sheet's."""
 
     robot: FilePath | None = None
     tip: str | None = None
@@ -146,12 +149,12 @@ _ARM: Final = ("robot", "tip", "base", "target", "gravity", "locked", "limits", 
 
 
 def is_same_arm(data: Mapping[str, object], other: Mapping[str, object]) -> bool:
-    """Return whether two sheets, of one folder and with the same overrides, are of the same arm."""
+    """Return whether two sheets in one folder, with equal overrides, describe the same arm."""
     return all(data.get(key) == other.get(key) for key in _ARM)
 
 
 def read_chain(document: Document, findings: Findings, overrides: Overrides, folder: FilePath) -> Chain | None:
-    """Return the arm of a sheet; ``None`` if it cannot be read, as the findings then say."""
+    """Return the arm of a sheet; ``None`` if it cannot be read: the findings have the reason."""
     try:
         robot = read_urdf(overrides.robot or resolve_robot(document.robot, folder), package_dirs=overrides.package_dirs)
     except UrdfError as error:
@@ -168,7 +171,7 @@ def read_chain(document: Document, findings: Findings, overrides: Overrides, fol
     if len(locked) < len(document.locked):
         return None
     try:
-        # an empty name is one that no link has
+        # an empty name is passed on: no link has it
         tip = document.tip if overrides.tip is None else overrides.tip
         base = document.base if overrides.base is None else overrides.base
         chain = Chain.from_robot(robot, tip, base, gravity, locked)
@@ -190,23 +193,21 @@ def _limited(document: Document, findings: Findings, chain: Chain) -> Chain:
             number = chain.joint_index(name)
             joint = joints[number]
             low, high = units.parse_vector(text, joint_quantity(joint), count=2)
-            least, most = (float(limit[number]) for limit in chain.configurations.limits)
-            if not least - SLACK <= low < high <= most + SLACK:
-                message = (
-                    f"limits are the lowest and the highest value, within {least:g} to {most:g} of the URDF (rad, m)"
-                )
+            minimum, maximum = (float(limit[number]) for limit in chain.configurations.limits)
+            if not minimum - SLACK <= low < high <= maximum + SLACK:
+                message = f"limits are the lowest and the highest value, within {minimum:g} to {maximum:g} of the URDF (rad, m)"
                 raise InputError(f"{message}; got {text!r}")
-            far = joint.limit or Limit(low, high, np.inf, np.inf)
-            # a continuous joint with limits is a revolute one
+            urdf_limit = joint.limit or Limit(low, high, np.inf, np.inf)
+            # a continuous joint with limits is revolute
             kind = "revolute" if joint.kind == "continuous" else joint.kind
-            joints[number] = replace(joint, kind=kind, limit=replace(far, lower=low, upper=high))
+            joints[number] = replace(joint, kind=kind, limit=replace(urdf_limit, lower=low, upper=high))
     return replace(chain, joints=tuple(joints)) if document.limits else chain
 
 
 def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | None:
     if document.keep_out is None:
         return None
-    found = []
+    obstacles = []
     for number, entry in enumerate(() if document.keep_out == "none" else document.keep_out):
         with findings.taking("keep_out", number):
             if (entry.plane is None) == (entry.box is None):
@@ -217,13 +218,13 @@ def _keep_out(document: Document, findings: Findings) -> tuple[KeepOut, ...] | N
                 size = tuple(units.parse_vector(entry.box, units.LENGTH, count=3))
                 if min(size) <= 0:
                     raise InputError(f"keep_out: the edges of a box are above zero, got {entry.box!r}")
-                found.append(KeepOut(at, size=size))
+                obstacles.append(KeepOut(at, size=size))
                 continue
             normal = np.array(units.parse_vector(entry.plane, units.RATIO, count=3))
             if not normal.any():
                 raise InputError("keep_out: the normal of a plane is zero")
-            found.append(KeepOut(at, normal=tuple((normal / np.linalg.norm(normal)).tolist())))
-    return tuple(found)
+            obstacles.append(KeepOut(at, normal=tuple((normal / np.linalg.norm(normal)).tolist())))
+    return tuple(obstacles)
 
 
 def _gravity(document: Document, findings: Findings) -> tuple[float, ...]:

@@ -5,14 +5,14 @@ With the tip's error ``e = [d; δ]`` in base axes at a pose (R, p), a target at 
 
     y = Exp(ω) (p + d + Exp(δ) R t) + c.
 
-A *position* is y; a *pose* is y and the attitude ``Exp(ω) Exp(δ) R Exp(τ)``. The other kinds are read against a place,
-which moves in place of the base: a *distance* is ``|y - a|`` from an anchor a; a *plane* reads the height ``n·(y - p)``
-over a plane with a point p and a unit normal n, zero at contact; a *socket* reads ``y - s`` from the place s of one of
-several sockets, zero when the target is in it.
+A *position* is y; a *pose* is y and the orientation ``Exp(ω) Exp(δ) R Exp(τ)``. The other kinds are measured relative to
+a place, which is displaced instead of the base: a *distance* is ``|y - a|`` from an anchor a; a *plane* gives the height
+``n·(y - p)`` over a plane with a point p and a unit normal n, zero at contact; a *socket* gives ``y - s`` from the
+position s of one of several sockets, zero if the target is in it.
 
-Unknown numbers of the set-up (c, ω, t, τ, those of the place) are called nuisances; they are estimated with the arm,
-without a prior. Those of a place are a shift of a or s, and for a plane its offset along n and two tilts α, β: ``n ∝ n₀
-+ α t₁ + β t₂`` with unit vectors t in the plane.
+Unknown parameters of the set-up (c, ω, t, τ, those of the place) are nuisance parameters; they are estimated with the
+arm, without a prior. For a place they are a shift of a or s, and for a plane its offset along n and two tilts α, β: ``n
+∝ n₀ + α t₁ + β t₂`` with unit vectors t in the plane.
 """
 
 from __future__ import annotations
@@ -50,15 +50,16 @@ from precision_pin.sources.payload import Payload
 
 _AXES: Final = ("x", "y", "z")
 _POSE_AXES: Final = (*_AXES, "rx", "ry", "rz")
+"""Suffixes of the nuisance parameters of a point and of a pose."""
 
 
 @dataclass(frozen=True)
 class Anchor:
     """A fixed point, ``(3,)``, from which distances are measured.
 
-    As each place, it has ``names`` of its own numbers, in m or without unit; ``read`` returns the readings ``(m, N)`` of points
-    ``(3, N)`` where these are ``own`` ``(k, N)``, and ``slopes`` their derivatives by point ``(m, 3)`` and by own numbers ``(m,
-    k)`` at one point ``(3,)``; ``near`` is the nominal point.
+    Common interface of places: ``names`` of their nuisance parameters, in m or without unit; ``read`` returns the
+    readings ``(m, N)`` at points ``(3, N)`` for ``parameters`` ``(k, N)``; ``slopes`` returns their derivatives by the
+    point ``(m, 3)`` and by the parameters ``(m, k)`` at one point ``(3,)``; ``nominal`` is the nominal point.
     """
 
     place: tuple[float, ...]
@@ -68,18 +69,18 @@ class Anchor:
         """Shift of the anchor."""
         return tuple(f"anchor.{axis}" for axis in _AXES)
 
-    def read(self, point: Array, own: Array, near: Array) -> Array:
+    def read(self, point: Array, parameters: Array, nominal: Array) -> Array:
         """Return distances."""
-        away = point - np.array(self.place)[:, None] - own
-        return np.asarray(np.sqrt((away**2).sum(axis=0))[None])
+        difference = point - np.array(self.place)[:, None] - parameters
+        return np.asarray(np.sqrt((difference**2).sum(axis=0))[None])
 
-    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+    def slopes(self, point: Array, parameters: Array, nominal: Array) -> tuple[Array, Array]:
         """Return derivatives of a distance."""
-        away = point - np.array(self.place) - own
-        length = float(np.linalg.norm(away))
+        difference = point - np.array(self.place) - parameters
+        length = float(np.linalg.norm(difference))
         if length == 0.0:
             raise InputError("the target is at the anchor, where the direction of a distance is not defined")
-        return away[None] / length, -away[None] / length
+        return difference[None] / length, -difference[None] / length
 
 
 @dataclass(frozen=True)
@@ -102,31 +103,31 @@ class Plane:
         first /= np.linalg.norm(first)
         return np.array([normal, first, np.cross(normal, first)]).T
 
-    def tilted(self, own: Array) -> tuple[Array, Array]:
-        """Return point and unit normal ``(3,)`` of the plane with own numbers ``(3,)``."""
-        normal = self.axes @ np.array([1.0, own[1], own[2]])
+    def tilted(self, parameters: Array) -> tuple[Array, Array]:
+        """Return point and unit normal ``(3,)`` of the plane with nuisance parameters ``(3,)``."""
+        normal = self.axes @ np.array([1.0, parameters[1], parameters[2]])
         normal /= np.linalg.norm(normal)
-        return np.array(self.place) + own[0] * normal, normal
+        return np.array(self.place) + parameters[0] * normal, normal
 
-    def read(self, point: Array, own: Array, near: Array) -> Array:
+    def read(self, point: Array, parameters: Array, nominal: Array) -> Array:
         """Return heights."""
-        away = self.axes.T @ (point - np.array(self.place)[:, None])
-        height = away[0] + own[1] * away[1] + own[2] * away[2]
-        return np.asarray(height / np.sqrt(1 + own[1] ** 2 + own[2] ** 2) - own[0])[None]
+        difference = self.axes.T @ (point - np.array(self.place)[:, None])
+        height = difference[0] + parameters[1] * difference[1] + parameters[2] * difference[2]
+        return np.asarray(height / np.sqrt(1 + parameters[1] ** 2 + parameters[2] ** 2) - parameters[0])[None]
 
-    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+    def slopes(self, point: Array, parameters: Array, nominal: Array) -> tuple[Array, Array]:
         """Return derivatives of a height."""
-        away = self.axes.T @ (point - np.array(self.place))
-        length = np.sqrt(1 + own[1] ** 2 + own[2] ** 2)
-        by_point = self.axes @ np.array([1.0, own[1], own[2]]) / length
+        difference = self.axes.T @ (point - np.array(self.place))
+        length = np.sqrt(1 + parameters[1] ** 2 + parameters[2] ** 2)
+        by_point = self.axes @ np.array([1.0, parameters[1], parameters[2]]) / length
         height = by_point @ (point - np.array(self.place))
-        tilts = (away[1:] - own[1:] * height / length) / length
+        tilts = (difference[1:] - parameters[1:] * height / length) / length
         return by_point[None], np.array([[-1.0, *tilts]])
 
 
 @dataclass(frozen=True)
 class Sockets:
-    """Sockets for the tip, ``(3,)`` each; a pose uses the one nearest to its nominal target."""
+    """Sockets for the tip, ``(3,)`` each; a pose uses the socket nearest to its nominal target."""
 
     places: tuple[tuple[float, ...], ...]
 
@@ -135,37 +136,40 @@ class Sockets:
         """Shift of each socket."""
         return tuple(f"socket{k + 1}.{axis}" for k in range(len(self.places)) for axis in _AXES)
 
-    def nearest(self, near: Array) -> int:
+    def nearest(self, nominal: Array) -> int:
         """Return the socket of a pose with this nominal target ``(3,)``."""
-        return int(np.argmin(np.linalg.norm(np.array(self.places) - near, axis=1)))
+        return int(np.argmin(np.linalg.norm(np.array(self.places) - nominal, axis=1)))
 
-    def read(self, point: Array, own: Array, near: Array) -> Array:
+    def read(self, point: Array, parameters: Array, nominal: Array) -> Array:
         """Return offsets from the socket."""
-        k = self.nearest(near)
-        return np.asarray(point - np.array(self.places[k])[:, None] - own[3 * k : 3 * k + 3])
+        k = self.nearest(nominal)
+        return np.asarray(point - np.array(self.places[k])[:, None] - parameters[3 * k : 3 * k + 3])
 
-    def slopes(self, point: Array, own: Array, near: Array) -> tuple[Array, Array]:
+    def slopes(self, point: Array, parameters: Array, nominal: Array) -> tuple[Array, Array]:
         """Return derivatives of an offset."""
-        k = self.nearest(near)
-        by_own = np.zeros((3, own.size))
-        by_own[:, 3 * k : 3 * k + 3] = -np.eye(3)
-        return np.eye(3), by_own
+        k = self.nearest(nominal)
+        by_parameters = np.zeros((3, parameters.size))
+        by_parameters[:, 3 * k : 3 * k + 3] = -np.eye(3)
+        return np.eye(3), by_parameters
 
 
 Place = Anchor | Plane | Sockets
 """Reference of a reading."""
 Kind = Literal["position", "pose", "distance", "plane", "socket"]
 KINDS: Final[tuple[Kind, ...]] = ("position", "pose", "distance", "plane", "socket")
-OWN: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
-"""Settings of one kind only."""
+"""Kinds of measurement, those without a place first."""
+KIND_SETTINGS: Final = {"attitude_std": "pose", "anchor": "distance", "plane": "plane", "sockets": "socket"}
+"""Settings of one kind only, with the kind."""
 
 _NAME: Final = re.compile(r"\w*")
+"""Name of a target or base: part of column names and of paths, so no brackets or dots."""
+# sum of joints with signs, and one of its terms
 _SUM: Final = re.compile(r"\s*[+-]?\s*[^\s+-]\S*(\s+[+-]\s*[^\s+-]\S*)*\s*")
 _TERM: Final = re.compile(r"([+-]?)\s*([^\s+-]\S*)")
 ESTIMATE: Final = "estimate"
-"""A standard deviation for a calibration to find."""
+"""A standard deviation that a calibration estimates."""
 _LEVER: Final = 0.1
-"""Distance (m) between the targets that measure an attitude, if its deviation is not given."""
+"""Distance (m) between the targets that measure an orientation, by default; angles are the more accurate the longer it is."""
 
 
 class Slopes(NamedTuple):
@@ -181,6 +185,7 @@ _KEYS: Final = (
 )
 """Keys of the JSON."""
 _LOAD: Final = ("at", "mass", "com")
+"""Keys of a load in the JSON: the settings of a payload."""
 
 
 @dataclass(frozen=True)
@@ -193,32 +198,32 @@ class Measurement:
         kind: ``"position"`` of a target (x, y, z), ``"pose"`` (position and attitude), ``"distance"`` from a fixed
             anchor, ``"plane"`` (height over a plane, zero at contact) or ``"socket"`` (the target is put into a
             socket).
-        std: Standard deviation of each measured length, m; at contact, of the contact. ``"estimate"``: a calibration
-            finds it.
-        target: The target in tool axes from the tip, m, wherever the point is that results are about.
+        std: Standard deviation of each measured length, m; at contact, of the contact. ``"estimate"``: estimated by the
+            calibration.
+        target: The target in tool axes from the tip, m, independent of the model's target.
         base: ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is unknown
-            and estimated; for a distance, a plane and sockets their place, from the first guess given.
-        target_known: Whether the target's place on the tool (of a pose, its attitude too) is known; else it is
+            and estimated; for a distance, a plane and sockets their place, from the given initial values.
+        target_known: Whether the target's position on the tool (for a pose, its orientation too) is known; else it is
             estimated.
-        attitude_std: Standard deviation of each measured angle of a pose, rad; by default std / 0.1 m, as of three
-            targets 0.1 m apart.
+        attitude_std: Standard deviation of each measured angle of a pose, rad (default: std / 0.1 m, for three targets
+            0.1 m apart).
         anchor: Fixed point from which a distance is measured, in the base, m.
         plane: A point on the plane and its normal, in the base, m; required by ``"plane"``.
         sockets: Places of the sockets, in the base, m; required by ``"socket"``. A pose belongs to the socket nearest
             to its nominal target.
-        visible_from: Place of the instrument in the base, m, if the target must face it to be seen.
-        facing: Direction in tool axes in which the target faces, if it must be seen; by default z.
-        cone: Largest angle between that direction and the instrument, rad.
-        load: Payloads of fixed numbers that the arm carries while measured, instead of the sheet's; by default these;
+        visible_from: Position of the instrument in the base, m, if it must see the target.
+        facing: Direction in tool axes in which the target faces, if it must be seen (default: z).
+        cone: Largest angle between this direction and the instrument, rad.
+        load: Payloads of fixed mass and position during the measurement, instead of the sheet's (default: the sheet's);
             ``()``: none.
         target_name, base_name: In a calibration with several measurements, the name of the target, and of the base (or
-            place): measurements with one name share what is estimated. ``target_name`` ``"2"`` reads the columns ``x2
-            y2 z2``.
-        columns: Names and units of a data file's columns where its header does not give them: ``"q1=joint1 [deg], x1=x
-            [m], note=ignore"``; ``"*=[m rad]"`` gives the unit of all lengths and of all angles without one.
+            place): measurements with equal names share nuisance parameters. ``target_name`` ``"2"`` reads the columns
+            ``x2 y2 z2``.
+        columns: Names and units of columns that the header of a data file lacks: ``"q1=joint1 [deg], x1=x [m],
+            note=ignore"``; ``"*=[m rad]"`` gives the unit of all lengths and of all angles without one.
 
     Raises:
-        InputError: A setting is wrong.
+        InputError: A setting is invalid.
 
     Examples:
         >>> tracker = pp.Measurement("position", std="20 um", target="50 30 20 mm")
@@ -278,7 +283,7 @@ class Measurement:
         what, sums = "coupled of a measurement", dict(self.coupled) if isinstance(self.coupled, tuple) else self.coupled
         texts = check_items(what, check_instance(what, sums, dict, "{'joint3': 'joint3 - joint2'}").values(), str)
         self._fix("coupled", tuple(zip(sums, texts, strict=True)))
-        for name, kind in OWN.items():
+        for name, kind in KIND_SETTINGS.items():
             value = getattr(self, name)
             is_given = any(value) if isinstance(value, tuple) else value is not None
             if is_given and self.kind != kind:
@@ -295,7 +300,7 @@ class Measurement:
         if not isinstance(self.sockets, tuple | list):
             raise InputError("the sockets of a measurement must be a list of points")
         what = "entry {} of the sockets of a measurement"
-        self._fix("sockets", tuple(_point(what.format(k), one) for k, one in enumerate(self.sockets, 1)))
+        self._fix("sockets", tuple(_point(what.format(k), socket) for k, socket in enumerate(self.sockets, 1)))
         if len(set(self.sockets)) < len(self.sockets):
             raise InputError("two sockets of a measurement are at one place")
 
@@ -312,7 +317,7 @@ class Measurement:
         self._fix("facing", _direction("facing of a measurement", facing))
 
     def mixing(self, chain: Chain) -> Array:
-        """Return the matrix ``(n, n)`` that makes joint values of those in the columns of a data file."""
+        """Return the matrix ``(n, n)`` from the joint columns of a data file to joint values."""
         names, result = chain.joint_names, np.eye(len(chain.joint_names))
         for joint, text in dict(self.coupled).items():
             row = names.index(check_name("joint of coupled", joint, names))
@@ -334,7 +339,7 @@ class Measurement:
         object.__setattr__(self, name, value)
 
     def sees(self, pose: Array) -> bool:
-        """Return whether the instrument sees the nominal target; only the target's direction may prevent it."""
+        """Return whether the instrument sees the nominal target; only the target's direction can prevent it."""
         if self.visible_from is None or self.facing is None:
             return True
         sight = np.array(self.visible_from) - self._nominal(pose)
@@ -352,18 +357,18 @@ class Measurement:
 
     @property
     def size(self) -> int:
-        """Numbers of a reading."""
+        """Number of components per reading."""
         return {"position": 3, "pose": 6, "distance": 1, "plane": 1, "socket": 3}[self.kind]
 
     @property
     def deviations(self) -> Array:
-        """Standard deviation of each number of a reading, ``(m,)``."""
+        """Standard deviation of each component of a reading, ``(m,)``."""
         angle = self.std / _LEVER if self.attitude_std is None else self.attitude_std
         return np.where(np.arange(self.size) < 3, self.std, angle)
 
     @property
     def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
-        """Numbers of a reading ``(m,)`` whose deviation is to be estimated, by its name; empty if known."""
+        """Masks ``(m,)`` of the components whose standard deviation is estimated, by its name; empty if known."""
         if self.std_known:
             return {}
         is_length = np.arange(self.size) < 3
@@ -372,23 +377,23 @@ class Measurement:
 
     @property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of the unknown numbers of the set-up: m, or rad for names that begin with r."""
+        """Names of the nuisance parameters: m, or rad for names that begin with r."""
         names: tuple[str, ...] = ()
         if self.base == "free":
-            own = tuple(f"base.{axis}" for axis in _POSE_AXES) if self.place is None else self.place.names
-            names += _named(own, self.base_name)
+            nuisance_names = tuple(f"base.{axis}" for axis in _POSE_AXES) if self.place is None else self.place.names
+            names += _named(nuisance_names, self.base_name)
         if not self.target_known:
-            own = tuple(f"target.{axis}" for axis in (_POSE_AXES if self.kind == "pose" else _AXES))
-            names += _named(own, self.target_name)
+            nuisance_names = tuple(f"target.{axis}" for axis in (_POSE_AXES if self.kind == "pose" else _AXES))
+            names += _named(nuisance_names, self.target_name)
         return names
 
     @property
     def displaces_base(self) -> bool:
-        """Whether the first six nuisances displace the base."""
+        """Whether the first six nuisance parameters displace the base."""
         return self.base == "free" and self.place is None
 
     def predict(self, pose: Array, errors: Array, nuisances: Array) -> Array:
-        """Return readings ``(m, N)``; a pose's are its position and its turn from the nominal attitude.
+        """Return readings ``(m, N)``; for a pose, its position and its rotation from the nominal orientation.
 
         Args:
             pose: The nominal tip in the base, ``(4, 4)``.
@@ -409,89 +414,90 @@ class Measurement:
         """Return the distance of the nominal target from contact with the plane or nearest socket, m; else zero."""
         if self.kind not in ("plane", "socket") or self.place is None:
             return 0.0
-        own = np.zeros((len(self.place.names), 1))
-        near = self._nominal(pose)
-        return float(np.linalg.norm(self.place.read(near[:, None], own, near)))
+        parameters = np.zeros((len(self.place.names), 1))
+        nominal = self._nominal(pose)
+        return float(np.linalg.norm(self.place.read(nominal[:, None], parameters, nominal)))
 
     def _target(self, pose: Array, errors: Array, nuisances: Array) -> tuple[Array, Array]:
-        """Return position ``(3, N)`` and attitude ``(3, 3, N)`` of the target as seen by the instrument."""
-        shift, turn, offset, own_turn = self.split(nuisances)
+        """Return position ``(3, N)`` and orientation ``(3, 3, N)`` of the target as seen by the instrument."""
+        shift, base_rotation, offset, target_rotation = self.split(nuisances)
         attitude = np.einsum("ijn,jk->ikn", se3.exp_rotation(errors[3:]), pose[:3, :3])
         point = pose[:3, 3, None] + errors[:3] + np.einsum("ijn,jn->in", attitude, offset)
-        if own_turn is not None:
-            attitude = np.einsum("ijn,jkn->ikn", attitude, se3.exp_rotation(own_turn))
-        if turn is None:
+        if target_rotation is not None:
+            attitude = np.einsum("ijn,jkn->ikn", attitude, se3.exp_rotation(target_rotation))
+        if base_rotation is None:
             return point, attitude
-        rotation = se3.exp_rotation(turn)
+        rotation = se3.exp_rotation(base_rotation)
         return np.einsum("ijn,jn->in", rotation, point) + shift, np.einsum("ijn,jkn->ikn", rotation, attitude)
 
     def split(self, nuisances: Array) -> tuple[Array, Array | None, Array, Array | None]:
-        """Return the base's shift and turn (or the place's numbers), target ``(3, N)`` and the target's turn."""
-        samples, turn, own_turn = nuisances.shape[1], None, None
+        """Return the base's shift and rotation (or the place's parameters), target ``(3, N)`` and its rotation."""
+        samples, base_rotation, target_rotation = nuisances.shape[1], None, None
         first = 3 if self.place is None else len(self.place.names)
         if self.base == "free":
-            shift, own = nuisances[:first], nuisances[first:]
+            shift, remaining = nuisances[:first], nuisances[first:]
             if self.place is None:
-                turn, own = own[:3], own[3:]
+                base_rotation, remaining = remaining[:3], remaining[3:]
         else:
-            shift, own = np.zeros((first, samples)), nuisances
+            shift, remaining = np.zeros((first, samples)), nuisances
         offset = np.array(self.target)[:, None] + np.zeros((1, samples))
         if not self.target_known:
-            offset = offset + own[:3]
-            own_turn = own[3:] if self.kind == "pose" else None
-        return shift, turn, offset, own_turn
+            offset = offset + remaining[:3]
+            target_rotation = remaining[3:] if self.kind == "pose" else None
+        return shift, base_rotation, offset, target_rotation
 
     def slopes(self, pose: Array, error: Array, nuisances: Array) -> Slopes:
-        """Return the derivatives of a reading at one error ``(6,)`` and nuisances ``(k,)``.
+        """Return the derivatives of a reading at one error ``(6,)`` and nuisance parameters ``(k,)``.
 
-        An attitude's are those of the rotation vector, in the axes of the reading, of a small further turn.
+        For an orientation, the derivatives of the rotation vector, in the axes of the reading, of a small further
+        rotation.
         """
-        own_place, turn, offset, own_turn = self.split(nuisances[:, None])
+        place_parameters, base_rotation, offset, target_rotation = self.split(nuisances[:, None])
         attitude = se3.exp_rotation(error[3:]) @ pose[:3, :3]
         arm = attitude @ offset[:, 0]
         inner = pose[:3, 3] + error[:3] + arm
-        rotation = np.eye(3) if turn is None else se3.exp_rotation(turn[:, 0])
+        rotation = np.eye(3) if base_rotation is None else se3.exp_rotation(base_rotation[:, 0])
         tilt, none = se3.left_jacobian(error[3:]), np.zeros((3, 3))
         by_error = np.block([[rotation, -rotation @ se3.skew(arm) @ tilt], [none, rotation @ tilt]])
         parts = []
-        if turn is not None:
-            by_turn = se3.left_jacobian(turn[:, 0])
-            parts.append(np.block([[np.eye(3), -se3.skew(rotation @ inner) @ by_turn], [none, by_turn]]))
+        if base_rotation is not None:
+            by_rotation = se3.left_jacobian(base_rotation[:, 0])
+            parts.append(np.block([[np.eye(3), -se3.skew(rotation @ inner) @ by_rotation], [none, by_rotation]]))
         if not self.target_known:
-            own = np.zeros((6, 6 if self.kind == "pose" else 3))
-            own[:3, :3] = rotation @ attitude
-            if own_turn is not None:
-                own[3:, 3:] = rotation @ attitude @ se3.left_jacobian(own_turn[:, 0])
-            parts.append(own)
+            by_target = np.zeros((6, 6 if self.kind == "pose" else 3))
+            by_target[:3, :3] = rotation @ attitude
+            if target_rotation is not None:
+                by_target[3:, 3:] = rotation @ attitude @ se3.left_jacobian(target_rotation[:, 0])
+            parts.append(by_target)
         by_nuisances = np.concatenate([np.zeros((6, 0)), *parts], axis=1)
         if self.place is None:
             return Slopes(by_error[: self.size], by_nuisances[: self.size])
-        by_point, by_place = self.place.slopes(inner, own_place[:, 0], self._nominal(pose))
+        by_point, by_place = self.place.slopes(inner, place_parameters[:, 0], self._nominal(pose))
         of_place = [by_place] if self.base == "free" else []
         return Slopes(by_point @ by_error[:3], np.concatenate([*of_place, by_point @ by_nuisances[:3]], axis=1))
 
     def residual(self, reading: Array, predicted: Array) -> Array:
-        """Return reading less prediction, both ``(m, N)`` as from :meth:`predict`; an attitude's as a turn."""
+        """Return reading minus prediction, both ``(m, N)`` as from :meth:`predict`; for an orientation the rotation."""
         if self.kind != "pose":
             return reading - predicted
         measured, expected = se3.exp_rotation(reading[3:]), se3.exp_rotation(predicted[3:])
-        turn = se3.log_rotation(np.einsum("ijn,kjn->ikn", measured, expected))
-        return np.concatenate([reading[:3] - predicted[:3], turn])
+        rotation = se3.log_rotation(np.einsum("ijn,kjn->ikn", measured, expected))
+        return np.concatenate([reading[:3] - predicted[:3], rotation])
 
     def to_dict(self) -> dict[str, object]:
         """Return the set-up as in the JSON."""
-        own: dict[str, object] = {
+        converted: dict[str, object] = {
             "attitude_std": float(self.deviations[-1]) if self.kind == "pose" else None,
             "anchor": self.anchor if self.kind == "distance" else None,
             "plane": None if self.plane is None else dict(zip(("point", "normal"), self.plane, strict=True)),
             "cone": None if self.facing is None else self.cone,
-            "load": None if self.load is None else [{key: getattr(one, key) for key in _LOAD} for one in self.load],
+            "load": None if self.load is None else [{key: getattr(load, key) for key in _LOAD} for load in self.load],
         }
-        return {key: encode(own[key] if key in own else getattr(self, key)) for key in _KEYS}
+        return {key: encode(converted[key] if key in converted else getattr(self, key)) for key in _KEYS}
 
 
 def written_sums(mixing: Array, names: Sequence[str]) -> str:
-    """Return a matrix of :meth:`Measurement.mixing` as ``coupled`` has it; empty if it only turns joints around."""
+    """Return a matrix of :meth:`Measurement.mixing` as text of ``coupled``; empty if it only changes signs."""
     if np.array_equal(np.abs(mixing), np.eye(len(names))):
         return ""
     sums = []
@@ -547,39 +553,41 @@ class MeasurementEntry(BaseModel):
         "0.02 mm", description="Standard deviation of a measured length, of a contact; estimate: from the readings."
     )
     attitude_std: str | None = Field(
-        None, description="That of a measured angle of a pose; std / 100 mm if left out, as of targets 100 mm apart."
+        None,
+        description="Standard deviation of a measured angle of a pose (default: std / 100 mm, targets 100 mm apart).",
     )
     target: str = Field("0 0 0 mm", description="The measured point in the tip's axes.")
     target_known: Literal["true", "false"] = Field("true", description="false: its place on the tool is estimated.")
     base: Literal["known", "free"] = Field(
         "known", description="free: the base in the instrument's axes (or anchor, plane, sockets) is estimated."
     )
-    anchor: str = Field("0 0 0 mm", description="Where distances are measured from, in base axes.")
+    anchor: str = Field("0 0 0 mm", description="Origin of distances, in base axes.")
     plane: PlaneEntry | None = Field(None, description="The plane that is touched.")
     sockets: list[str] = Field(default_factory=list, description="Places of the sockets, in base axes.")
     visible_from: str | None = Field(
-        None, description="Place of the instrument in base axes, where it must see the target."
+        None, description="Position of the instrument in base axes, if it must see the target."
     )
     facing: str | None = Field(
-        None, description="Direction in the tip's axes to which the target faces; 0 0 1, its z, if left out."
+        None, description="Direction in the tip's axes in which the target faces (default: 0 0 1, its z)."
     )
     cone: str = Field("60 deg", description="Largest angle between that direction and the instrument.")
     load: list[LoadEntry] | Literal["none"] | None = Field(
-        None, description="What the arm carries while measured, in place of the payloads; none: nothing."
+        None, description="Loads during the measurement, instead of the payloads; none: no load."
     )
-    target_name: str = Field("", description="Of several targets which: 2 reads the columns x2 y2 z2.")
-    base_name: str = Field("", description="Of several bases (or places) that are estimated which.")
+    target_name: str = Field("", description="Name of the target, if there are several: 2 reads the columns x2 y2 z2.")
+    base_name: str = Field("", description="Name of the estimated base (or place), if there are several.")
     columns: str = Field(
-        "", description="What the columns of a data file are, such as 'q1=joint1 [deg], t=ignore, *=[m rad]'."
+        "", description="Meaning of the columns of a data file, such as 'q1=joint1 [deg], t=ignore, *=[m rad]'."
     )
     coupled: dict[str, str] = Field(
         default_factory=dict,
-        description="What a joint's value is in the columns of a data file: {joint3: joint3 - joint2} if joint3 is their sum.",
+        description="Joint values from the columns of a data file: {joint3: joint3 - joint2} if the column is their sum.",
     )
 
 
 _READ: Final = ("attitude_std", "std", "target", "anchor", "sockets", "visible_from", "facing", "cone")
-"""Settings of numbers, in reading order: the first mistake is reported."""
+"""Settings of numbers, in reading order: the first error is reported."""
+# quantities of settings that are no lengths
 _NO_LENGTHS: Final = {
     "attitude_std": ANGLE,
     "cone": ANGLE,
@@ -592,28 +600,28 @@ _SINGLE: Final = ("attitude_std", "std", "cone", "mass")
 
 
 def read_measurement(entry: MeasurementEntry, chain: Chain) -> Measurement:
-    """Return the measurement of an entry; raise a :class:`SettingError` if one key is at fault."""
+    """Return the measurement of an entry; raise a :class:`SettingError` for an invalid key."""
     plane: Any = entry.plane and tuple(
         _read(("plane", name), getattr(entry.plane, name)) for name in ("point", "normal")
     )
     read = {name: _read((name,), getattr(entry, name)) for name in _READ}
-    same = {name: getattr(entry, name) for name in ("kind", "base", "target_name", "base_name", "columns", "coupled")}
+    plain = {name: getattr(entry, name) for name in ("kind", "base", "target_name", "base_name", "columns", "coupled")}
     is_known = entry.target_known == "true"
-    found = Measurement(**read, **same, target_known=is_known, plane=plane, load=_read_load(entry, chain))
+    measurement = Measurement(**read, **plain, target_known=is_known, plane=plane, load=_read_load(entry, chain))
     with placed("coupled"):
-        found.mixing(chain)
-    return found
+        measurement.mixing(chain)
+    return measurement
 
 
 def only_one(measurements: tuple[Measurement, ...], file: str | None = None) -> Measurement:
     """Return the only measurement of a sheet; raise an :class:`InputError` if there are several."""
     if len(measurements) == 1:
         return measurements[0]
-    kinds = [one.kind for one in measurements]
-    listed = ", ".join(f"{kind} ({kinds.count(kind)})" for kind in dict.fromkeys(kinds))
+    kinds = [measurement.kind for measurement in measurements]
+    kinds_text = ", ".join(f"{kind} ({kinds.count(kind)})" for kind in dict.fromkeys(kinds))
     message = (
-        f"the sheet lists {len(kinds)} measurements, of which only a fit to data takes more than one: {listed}; --kind KIND "
-        "picks one that is listed once"
+        f"the sheet lists {len(kinds)} measurements, but only a fit to data takes more than one: {kinds_text}; select a kind "
+        "that is listed once with --kind KIND"
     )
     raise InputError.of("E_USAGE", message, file)
 
@@ -622,31 +630,31 @@ def _read_load(entry: MeasurementEntry, chain: Chain) -> tuple[Payload, ...] | N
     if entry.load is None:
         return None
     payloads = []
-    for k, one in enumerate(() if entry.load == "none" else entry.load):
+    for k, load in enumerate(() if entry.load == "none" else entry.load):
         try:
-            chain.link_frame(one.at)
+            chain.link_frame(load.at)
         except InputError as error:
             raise SettingError(("load", k, "at"), error.findings[0].message) from None
-        mass, com = (_read(("load", k, name), getattr(one, name)) for name in ("mass", "com"))
-        payloads.append(Payload(at=one.at, mass=mass, com=com))
+        mass, com = (_read(("load", k, name), getattr(load, name)) for name in ("mass", "com"))
+        payloads.append(Payload(at=load.at, mass=mass, com=com))
     return tuple(payloads)
 
 
-def _read(below: tuple[str | int, ...], text: Any) -> Any:
-    """Return the numbers of a setting in SI, or for a list those of each entry."""
+def _read(path: tuple[str | int, ...], text: Any) -> Any:
+    """Return the numbers of a setting in SI; for a list, the numbers of each entry."""
     if text is None:
         return None
     if isinstance(text, list):
-        return tuple(_read((*below, k), one) for k, one in enumerate(text))
-    if below == ("std",) and text.strip() == ESTIMATE:
+        return tuple(_read((*path, k), item) for k, item in enumerate(text))
+    if path == ("std",) and text.strip() == ESTIMATE:
         return ESTIMATE
-    name = next(key for key in reversed(below) if isinstance(key, str))
+    name = next(key for key in reversed(path) if isinstance(key, str))
     try:
         if name not in _SINGLE:
             return tuple(units.parse_vector(text, _NO_LENGTHS.get(name, LENGTH), count=3))
         value = units.parse(text, _NO_LENGTHS.get(name, LENGTH))
     except InputError as error:
-        raise SettingError(below, f"{'.'.join(map(str, below))}: {error.findings[0].message}") from None
+        raise SettingError(path, f"{'.'.join(map(str, path))}: {error.findings[0].message}") from None
     if value <= 0 and name.endswith("std"):
-        raise SettingError(below, f"{name} must be above zero, got {shown(text)}")
+        raise SettingError(path, f"{name} must be above zero, got {shown(text)}")
     return value

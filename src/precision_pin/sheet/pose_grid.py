@@ -1,4 +1,4 @@
-"""Reader of a file of poses: a grid over joint values or over places of a box or plane, or a random design."""
+"""Reader of a file of poses: a grid over joint values or over points of a box or plane, or a random design."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ from precision_pin.sheet.chain_entry import parse_pose
 from precision_pin.sheet.text import Path, Text, read_text
 
 _LONGEST: Final = 40
+"""Characters of a value that a message shows, next to the file's name and line."""
 
 
 @dataclass(frozen=True, eq=False)
 class GridEntry:
-    """A value of a file.
+    """Value at a path of a file.
 
     Attributes:
-        data: The value there: text, a list, or keys with values.
+        data: The value: text, a list, or keys with values.
     """
 
     text: Text
@@ -54,7 +55,7 @@ class GridEntry:
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """Give errors of the body without a place the place of this value."""
+        """Add the place of this value to errors of the body that have none."""
         try:
             yield
         except InputError as error:
@@ -66,53 +67,53 @@ class GridEntry:
     def keys(self, allowed: Sequence[str], expected: str, *, all_needed: bool = False) -> dict[str, GridEntry]:
         """Return the values by key."""
         if not isinstance(self.data, dict) or not self.data:
-            raise self.wrong(f"{self._named}{expected}; got {self._shown}")
+            raise self.wrong(f"{self._prefix}{expected}; got {self._value_text}")
         for key in self.data:
             if key not in allowed:
-                entry = self._below(key)
+                entry = self._child(key)
                 raise entry.wrong(f"unknown key {shown(key, _LONGEST)}: {nearest(key, allowed)}")
         missing = [key for key in allowed if key not in self.data]
         if all_needed and missing:
-            raise self.wrong(f"{self._named}{expected}; {', '.join(missing)} missing")
-        return {key: self._below(key) for key in self.data}
+            raise self.wrong(f"{self._prefix}{expected}; {', '.join(missing)} missing")
+        return {key: self._child(key) for key in self.data}
 
     def items(self) -> list[GridEntry]:
         """Return the items of a list, or the value itself if it is not one."""
-        return [self._below(k) for k in range(len(self.data))] if isinstance(self.data, list) else [self]
+        return [self._child(k) for k in range(len(self.data))] if isinstance(self.data, list) else [self]
 
     def word(self, allowed: tuple[str, ...]) -> str:
-        """Return the value if it is one of the words."""
+        """Return the value if it is an allowed word."""
         if self.data not in allowed:
-            raise self.wrong(f"{self._named}expected {' or '.join(allowed)}, got {self._shown}")
+            raise self.wrong(f"{self._prefix}expected {' or '.join(allowed)}, got {self._value_text}")
         return str(self.data)
 
-    def whole(self, least: int, most: int = MOST_POSES) -> int:
+    def integer(self, low: int, high: int = MOST_POSES) -> int:
         """Return a whole number."""
         digits = self.data if isinstance(self.data, str) else ""
-        if not (digits.isascii() and digits.isdigit() and len(digits) < 10 and least <= int(digits) <= most):
-            raise self.wrong(f"{self._named}expected a whole number from {least} to {most:,}, got {self._shown}")
+        if not (digits.isascii() and digits.isdigit() and len(digits) < 10 and low <= int(digits) <= high):
+            raise self.wrong(f"{self._prefix}expected a whole number from {low} to {high:,}, got {self._value_text}")
         return int(digits)
 
     def numbers(self, quantity: units.Quantity, count: int, example: str) -> list[float]:
-        """Return some numbers with one unit, in SI."""
+        """Return ``count`` numbers with a common unit, in SI."""
         if not isinstance(self.data, str):
-            raise self.wrong(f"{self._named}expected {count} numbers, such as {example!r}, got {self._shown}")
+            raise self.wrong(f"{self._prefix}expected {count} numbers, such as {example!r}, got {self._value_text}")
         return self._parsed(self, quantity, count)
 
     def values(self, quantity: units.Quantity, example: str) -> Array:
-        """Return the values of a coordinate: one or several with one unit, a list, or a range with a count."""
+        """Return the values of a coordinate: one or several with a common unit, a list, or a range with a count."""
         if isinstance(self.data, dict):
             unit = example.split()[-1]
-            ends = self.keys(
+            bounds = self.keys(
                 ("from", "to", "count"),
                 f"a range is {{from: {example}, to: 90 {unit}, count: 7}}",
                 all_needed=True,
             )
-            first, last = (self._parsed(ends[key], quantity, 1)[0] for key in ("from", "to"))
-            return np.linspace(first, last, ends["count"].whole(2))
+            first, last = (self._parsed(bounds[key], quantity, 1)[0] for key in ("from", "to"))
+            return np.linspace(first, last, bounds["count"].integer(2))
         items = self.items()
         if not items:
-            raise self.wrong(f"{self._named}no values; give at least one, such as {example!r}")
+            raise self.wrong(f"{self._prefix}no values; give at least one, such as {example!r}")
         return np.array([value for item in items for value in self._parsed(item, quantity, None)])
 
     def _parsed(self, entry: GridEntry, quantity: units.Quantity, count: int | None) -> list[float]:
@@ -120,17 +121,17 @@ class GridEntry:
             try:
                 return units.parse_vector(entry.data, quantity, count=count)
             except InputError as error:
-                raise InputError(f"{entry._named}{error.findings[0].message}") from None
+                raise InputError(f"{entry._prefix}{error.findings[0].message}") from None
 
-    def _below(self, key: str | int) -> GridEntry:
+    def _child(self, key: str | int) -> GridEntry:
         return GridEntry(self.text, self.file, (*self.path, key), self.data[key])
 
     @property
-    def _named(self) -> str:
+    def _prefix(self) -> str:
         return "".join(f"{key}: " for key in self.path[-1:] if isinstance(key, str))
 
     @property
-    def _shown(self) -> str:
+    def _value_text(self) -> str:
         if self.data in ("", None):
             return "nothing"
         if isinstance(self.data, str):
@@ -139,8 +140,11 @@ class GridEntry:
 
 
 LARGEST_FILE: Final = 2**20
+"""Bytes of a file; a grid needs some lines, and the longest lists of coordinates that give a million poses fit."""
 _KINDS: Final = ("joints", "box", "plane", "random")
 _OF_PLACES: Final = ("orientations", "branches", "reference")
+"""Keys of the kinds of poses, of which a file has one, and further keys of the kinds over points."""
+# allowed forms, for messages
 _ORIENTATIONS: Final = (
     "an orientation is any, {rpy: 180 0 0 deg}, {axis: 0 0 -1}, {axis: 0 0 -1, angles: 12} or {pose: NAME}"
 )
@@ -156,7 +160,7 @@ class PoseGrid:
         count: Number of poses to solve or draw, for progress; zero for a grid over joint values.
         solve: Returns the poses; its argument is ``progress`` of
             :func:`precision_pin.robot.inverse_kinematics.inverse_kinematics`.
-        singular_below: Smallest singular value below which a pose counts as singular.
+        singular_below: Threshold of the smallest singular value below which a pose counts as singular.
     """
 
     count: int
@@ -165,7 +169,7 @@ class PoseGrid:
 
 
 def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[str, Array] | None = None) -> PoseGrid:
-    """Read a YAML file of poses; ``poses`` are named joint values that it may refer to, such as a sheet's."""
+    """Read a YAML file of poses; ``poses`` are named joint values for references, such as a sheet's."""
     file = os.fspath(path)
     try:
         text = read_text(read_text_file(file, LARGEST_FILE), file)
@@ -189,36 +193,36 @@ def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[st
         grid = _over_joints(keys["joints"], chain) if kind == "joints" else _at_random(keys, chain, poses)
     if "singular_below" not in keys:
         return grid
-    (below,) = keys["singular_below"].numbers(units.RATIO, 1, "0.02")
-    if below < 0:
+    (threshold,) = keys["singular_below"].numbers(units.RATIO, 1, "0.02")
+    if threshold < 0:
         raise keys["singular_below"].wrong("singular_below: expected zero or more")
-    return PoseGrid(grid.count, lambda step: grid.solve(step).with_singular_below(chain, below), below)
+    return PoseGrid(grid.count, lambda step: grid.solve(step).with_singular_below(chain, threshold), threshold)
 
 
 def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:
     joints = entry.keys(chain.joint_names, "expected a key for each joint, with its values")
-    slides = dict(zip(chain.joint_names, chain.prismatic, strict=True))
+    is_prismatic = dict(zip(chain.joint_names, chain.prismatic, strict=True))
     values = {
-        name: axis.values(units.LENGTH, "300 mm") if slides[name] else axis.values(units.ANGLE, "30 deg")
+        name: axis.values(units.LENGTH, "300 mm") if is_prismatic[name] else axis.values(units.ANGLE, "30 deg")
         for name, axis in joints.items()
     }
     with entry.naming():
-        found = joint_grid(chain, values)
-    return PoseGrid(0, lambda _: found)
+        poses = joint_grid(chain, values)
+    return PoseGrid(0, lambda _: poses)
 
 
 def _at_random(keys: dict[str, GridEntry], chain: Chain, poses: Mapping[str, Array]) -> PoseGrid:
     entry = keys["random"]
-    own = entry.keys(("count", "seed", "box"), "expected count, and seed and box if wanted")
-    if "count" not in own:
+    entries = entry.keys(("count", "seed", "box"), "expected count, and seed and box if wanted")
+    if "count" not in entries:
         raise entry.wrong("random: the key 'count' is missing, the number of poses")
-    count = own["count"].whole(1)
-    seed = own["seed"].whole(0, 999_999_999) if "seed" in own else 0
+    count = entries["count"].integer(1)
+    seed = entries["seed"].integer(0, 999_999_999) if "seed" in entries else 0
     kinds = _orientations(keys, chain, poses) if "orientations" in keys else None
     box = None
-    if "box" in own:
+    if "box" in entries:
         expected = "expected x, y and z, each with its lowest and highest"
-        sides = own["box"].keys(("x", "y", "z"), expected, all_needed=True)
+        sides = entries["box"].keys(("x", "y", "z"), expected, all_needed=True)
         box = [sides[name].numbers(units.LENGTH, 2, "-500 500 mm") for name in ("x", "y", "z")]
 
     def solve(progress: Progress) -> PoseSet:
@@ -261,9 +265,9 @@ def _plane(entry: GridEntry) -> Array:
     keys = entry.keys(("origin", "u", "v"), "expected origin, u and v", all_needed=True)
     directions, rows = [], []
     for name in ("u", "v"):
-        own = keys[name].keys(("direction", "values"), "expected direction and values", all_needed=True)
-        directions.append(own["direction"].numbers(units.RATIO, 3, "0 1 0"))
-        rows.append(own["values"].values(units.LENGTH, "300 mm"))
+        entries = keys[name].keys(("direction", "values"), "expected direction and values", all_needed=True)
+        directions.append(entries["direction"].numbers(units.RATIO, 3, "0 1 0"))
+        rows.append(entries["values"].values(units.LENGTH, "300 mm"))
     origin = keys["origin"].numbers(units.LENGTH, 3, "400 0 300 mm")
     with entry.naming():
         return plane_places(origin, *directions, *rows)
@@ -286,12 +290,12 @@ def _orientation(entry: GridEntry, chain: Chain, poses: Mapping[str, Array]) -> 
             values = _configuration(keys["pose"], chain, poses)
             return Orientation.given(chain.at(values).pose[:3, :3], f"pose {keys['pose'].data}")
         tool_axis = keys["tool_axis"].numbers(units.RATIO, 3, "1 0 0") if "tool_axis" in keys else (0.0, 0.0, 1.0)
-        angles = keys["angles"].whole(1, MOST_ANGLES) if "angles" in keys else None
+        angles = keys["angles"].integer(1, MOST_ANGLES) if "angles" in keys else None
         return Orientation.along(keys["axis"].numbers(units.RATIO, 3, "0 0 -1"), angles, tool_axis)
 
 
 def _configuration(entry: GridEntry, chain: Chain, poses: Mapping[str, Array]) -> Array:
-    """Return the joint values of a named pose, or those written as in a sheet."""
+    """Return the joint values of a named pose, or joint values in the form of a sheet."""
     if isinstance(entry.data, str):
         if entry.data in poses:
             return poses[entry.data]

@@ -1,4 +1,4 @@
-"""Reader of a sheet: text, structure, robot and sources in turn; all findings are reported at once. Differences of two sheets."""
+"""Reader of a sheet: text, structure, robot and sources; all findings are reported together. Differences of two sheets."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ from precision_pin.terms.bound_source import BoundSource, labels, load_posture, 
 from precision_pin.terms.source import Source, setting_fields
 
 LARGEST_FILE: Final = 4 * 2**20
+"""Bytes of a sheet: five times the size of one with the maximum number of entries and short values."""
 _MOST_NAMED: Final = 4
+"""Parameters that a message about a calibration lists; with values, more would exceed some terminal lines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +56,14 @@ class Sheet:
 
     Attributes:
         space: The named draws.
-        poses: Named configurations, the first one the default.
-        approaches: Direction in which each joint moved last, for poses that state it.
-        statics: ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under them.
+        poses: Named configurations; the first is the default.
+        approaches: Direction of the last motion of each joint, for poses with an approach.
+        statics: ``"nominal"``: loads at the undeflected pose; ``"equilibrium"``: on the arm at rest under the loads.
         assumed: Positions of the sources marked as assumptions.
-        estimates: Of a calibration, in place of tolerances.
+        estimates: Result of a calibration, which replaces tolerances.
         measurements: Instruments and set-ups of a calibration.
-        origins: Where numbers come from, by source label, ``label.setting`` or ``parameters.name``.
-        unchanged: The sheet before any :meth:`with_changes`; ``None`` for one without changes.
+        origins: Origin of values, by source label, ``label.setting`` or ``parameters.name``.
+        unchanged: The sheet before any :meth:`with_changes`; ``None`` for a sheet without changes.
         beyond_limits: Whether verdicts are also given beyond the URDF's limits of joint values and speeds.
         accepted: Reasons for accepting warnings, by code.
     """
@@ -97,8 +99,8 @@ class Sheet:
         """Return the sheet with values changed, by the path of :class:`precision_pin.sheet.changes.Change`."""
         if self.contents is None:
             raise InputError("the sheet was not read from a file or a dictionary, so that nothing in it can be changed")
-        asked = [Change(path, plain_data(value, path), path) for path, value in changes.items()]
-        return self.contents.read_changed(self, asked)
+        change_list = [Change(path, plain_data(value, path), path) for path, value in changes.items()]
+        return self.contents.read_changed(self, change_list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,7 @@ class Contents:
 
     Attributes:
         file: Name of the sheet in messages.
-        folder: Folder that file names are relative to.
+        folder: Base folder of file names.
         kinds, overrides: As for :func:`read`.
     """
 
@@ -135,10 +137,10 @@ class Contents:
             return sheet
         text = change_text(self.text, changes, sheet.sources, catalogue() | {kind.kind(): kind for kind in self.kinds})
         first = sheet.unchanged or sheet
-        # the arm is not read from its files again
+        # an unchanged arm is not read again from its files
         chain = sheet.chain if is_same_arm(text.data, self.text.data) else None
-        found = _read(replace(self, text=text), first, chain)
-        return replace(found, unchanged=first, beyond_limits=sheet.beyond_limits)
+        changed = _read(replace(self, text=text), first, chain)
+        return replace(changed, unchanged=first, beyond_limits=sheet.beyond_limits)
 
 
 def read(
@@ -148,12 +150,12 @@ def read(
     overrides: Overrides | None = None,
     changes: Sequence[Change] = (),
 ) -> Sheet:
-    """Read a sheet and the robot it names.
+    """Read a sheet and its robot.
 
     Args:
-        kinds: Source classes beyond those of the package.
-        overrides: Robot, tip, base and target in place of the sheet's.
-        changes: Values in place of the sheet's, which must be correct without them.
+        kinds: Source classes in addition to those of the package.
+        overrides: Robot, tip, base and target instead of the sheet's.
+        changes: Values instead of the sheet's, which must be valid without them.
     """
     file = os.fspath(path)
     try:
@@ -165,11 +167,11 @@ def read(
 
 
 def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds: Iterable[type[Source]] = ()) -> Sheet:
-    """Return the sheet given as a dictionary: keys and values of the YAML sheet, numbers as such or as text.
+    """Return the sheet of a dictionary: keys and values of the YAML sheet, numbers as numbers or text.
 
     Args:
-        folder: Folder that the names of the robot and of tables are relative to.
-        kinds: Source classes beyond those of the package.
+        folder: Base folder of the names of the robot and of tables.
+        kinds: Source classes in addition to those of the package.
     """
     text = Text(plain_data(data), {}, ())
     return _read(Contents(text, "the sheet", FilePath(folder), tuple(kinds), Overrides()))
@@ -178,41 +180,41 @@ def read_data(data: Mapping[str, object], folder: str | os.PathLike[str], kinds:
 def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | None = None) -> Sheet:
     text, file, folder, overrides = contents.text, contents.file, contents.folder, contents.overrides
     findings = Findings(text, file)
-    document, wrong = _document(text, findings)
-    known = catalogue() | {kind.kind(): kind for kind in contents.kinds}
-    named, unread = _parameters(document, findings, used_quantities(tuple(known.values())), folder)
-    arm_is_known = not wrong & {"robot", "tip", "base", "locked"}
+    document, wrong_keys = _document(text, findings)
+    kinds = catalogue() | {kind.kind(): kind for kind in contents.kinds}
+    parameters, unreadable = _parameters(document, findings, used_quantities(tuple(kinds.values())), folder)
+    arm_is_known = not wrong_keys & {"robot", "tip", "base", "locked"}
     if chain is None and arm_is_known:
         chain = read_chain(document, findings, overrides, folder)
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
-    sources, stated, broken = _sources(document, findings, known, Context(named, slides, folder))
-    draws = tuple(dict.fromkeys(parameter.draw for parameter in named.values()))
-    space = correlated_space(draws, document.correlations, findings, unread)
+    sources, by_source, invalid = _sources(document, findings, kinds, Context(parameters, slides, folder))
+    draws = tuple(dict.fromkeys(parameter.draw for parameter in parameters.values()))
+    space = correlated_space(draws, document.correlations, findings, unreadable)
     if chain is None:
         findings.refuse()
         raise SheetError("the robot could not be read")
-    for path, settings in broken.items():
-        # unknown joints of sources with other errors too, so that all errors are found at once
+    for path, settings in invalid.items():
+        # unknown joints of sources with other errors too, so that all errors are reported together
         name = settings.get("joint")
         if isinstance(name, str) and name not in chain.joint_names:
             findings.take(path, UnknownNameError("joint on the chain", name, chain.joint_names))
     poses, approaches = parse_poses(document.poses, findings, chain)
-    listed = tuple(sources.values())
-    names = labels(listed)
-    extended, own = _try_terms(chain, space, sources, names, poses, approaches, findings)
+    items = tuple(sources.values())
+    names = labels(items)
+    extended, source_draws = _try_terms(chain, space, sources, names, poses, approaches, findings)
     estimates = None
     if document.calibrated is not None and document.calibrated != "none" and not findings.found:
         estimates = _estimates(
-            document.calibrated, chain.robot, space.including(own_draws(listed, names)), folder, findings, unchanged
+            document.calibrated, chain.robot, space.including(own_draws(items, names)), folder, findings, unchanged
         )
-    given, measurements = document.measurement, []
-    for k, entry in enumerate(given if isinstance(given, list) else [] if given is None else [given]):
-        with findings.taking("measurement", *([k] if isinstance(given, list) else [])):
+    entries, measurements = document.measurement, []
+    for k, entry in enumerate(entries if isinstance(entries, list) else [] if entries is None else [entries]):
+        with findings.taking("measurement", *([k] if isinstance(entries, list) else [])):
             measurements.append(read_measurement(entry, chain))
     origins = {
         f"{label}.{setting}" if setting else label: origin
         for k, label in zip(sources, names, strict=True)
-        for setting, origin in stated.get(k, {}).items()
+        for setting, origin in by_source.get(k, {}).items()
     }
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     for code, reason in document.accept.items():
@@ -221,14 +223,14 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
             message = f"accept: expected the code of a warning and a reason, got {code!r}: {reason!r}"
             findings.error(("accept", code), message)
     findings.refuse()
-    remark_on_sources(document, sources, names, extended, space.draws, own, findings)
+    remark_on_sources(document, sources, names, extended, space.draws, source_draws, findings)
     remark_on_poses(document, chain, findings)
-    found = (*chain_findings(chain), *findings.found)
-    warnings = tuple(finding.accepted(document.accept) for finding in found if finding.severity != "error")
-    marked = [k for k, origins_of in stated.items() if ASSUMED in {origin.kind for origin in origins_of.values()}]
+    all_findings = (*chain_findings(chain), *findings.found)
+    warnings = tuple(finding.accepted(document.accept) for finding in all_findings if finding.severity != "error")
+    assumed = [k for k, o in by_source.items() if ASSUMED in {origin.kind for origin in o.values()}]
     return Sheet(
-        file, chain, space, listed, poses, document.statics, warnings,
-        tuple(rank for rank, k in enumerate(sources) if k in marked), approaches=approaches, contents=contents,
+        file, chain, space, items, poses, document.statics, warnings,
+        tuple(rank for rank, k in enumerate(sources) if k in assumed), approaches=approaches, contents=contents,
         estimates=estimates, measurements=tuple(measurements), origins=origins, accepted=document.accept,
     )  # fmt: skip
 
@@ -244,45 +246,45 @@ def _estimates(
             findings.warning(("calibrated",), message, "W_CALIBRATED_ROBOT")
         estimates = read_estimates(data, calibrated)
         before = space if unchanged is None else unchanged.whole_space
-        if edited := estimates.edited(before):
-            findings.warning(("calibrated",), _edited(estimates, edited), "W_TEXT_MEASURED")
+        if edits := estimates.edited(before):
+            findings.warning(("calibrated",), _describe_edits(estimates, edits), "W_TEXT_MEASURED")
         if unchanged is not None and unchanged.estimates is not None and ("calibrated",) not in findings.text.changes:
-            kept, replaced = estimates.without_changed(before, space)
-            if replaced:
-                findings.warning(("calibrated",), _replaced(estimates, replaced), "W_SET_MEASURED")
-            if kept is None:
+            retained, overridden = estimates.without_changed(before, space)
+            if overridden:
+                findings.warning(("calibrated",), _describe_overridden(estimates, overridden), "W_SET_MEASURED")
+            if retained is None:
                 return None
-            estimates = kept
+            estimates = retained
         estimates.remaining_space(space)
         return estimates
     return None
 
 
-def _replaced(estimates: Estimates, names: Sequence[str]) -> str:
+def _describe_overridden(estimates: Estimates, names: Sequence[str]) -> str:
     std = np.sqrt(np.diag(estimates.covariance))
-    numbered = [(k, name) for k, name in enumerate(estimates.names) if name in names]
-    measured = [f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in numbered]
+    rows = [(k, name) for k, name in enumerate(estimates.names) if name in names]
+    estimate_texts = [f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in rows]
     return (
-        "what was set takes the place of what was measured of this robot (mean ± std, SI): "
-        f"{some(measured, _MOST_NAMED, '; ')}; all other "
-        "numbers stay as measured; --set calibrated=none takes all tolerances, those of the next robots"
+        "set values replace values measured on this robot (mean ± std, SI): "
+        f"{some(estimate_texts, _MOST_NAMED, '; ')}; all other "
+        "values stay as measured; --set calibrated=none uses the tolerances, which hold for other robots, for all values"
     )
 
 
-def _edited(estimates: Estimates, now: Mapping[str, tuple[float, float]]) -> str:
+def _describe_edits(estimates: Estimates, edits: Mapping[str, tuple[float, float]]) -> str:
     changes = [
         f"{name} {mean:.3g} ± {std:.2g}, then {estimates.stated[name][0]:.3g} ± {estimates.stated[name][1]:.2g}"
-        for name, (mean, std) in now.items()
+        for name, (mean, std) in edits.items()
     ]
     return (
-        "tolerances in the sheet are not those that were calibrated (mean ± std, SI): "
-        f"{some(changes, _MOST_NAMED, '; ')}; what was measured of this robot counts all the same; --set puts a tolerance in "
-        "its place, calibrate --set calibrated=none fits the readings anew with these"
+        "tolerances in the sheet differ from those of the calibration (mean ± std, SI): "
+        f"{some(changes, _MOST_NAMED, '; ')}; the values measured on this robot remain in use; --set replaces them by a "
+        "tolerance, calibrate --set calibrated=none repeats the fit with the new tolerances"
     )
 
 
 def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
-    """Return the sheet's contents and its wrong top-level keys; these are left out, so that reading continues."""
+    """Return the sheet's contents and its invalid top-level keys; these are omitted, so that reading continues."""
     if not isinstance(text.data, dict):
         findings.error((), "a sheet must begin with 'precision-pin: 1' and contain keys such as robot: and sources:")
         findings.refuse()
@@ -291,25 +293,25 @@ def _document(text: Text, findings: Findings) -> tuple[Document, set[str]]:
         return document_model().model_validate(data), set()
     except ValidationError as error:
         findings.take_validation(error, (), document_model())
-        wrong = [findings.walk((), entry["loc"]) or entry["loc"] for entry in error.errors()]
-    needed = {"precision-pin": "1", "robot": ""}
-    for where in wrong:
+        locations = [findings.walk((), entry["loc"]) or entry["loc"] for entry in error.errors()]
+    placeholders = {"precision-pin": "1", "robot": ""}
+    for where in locations:
         top = str(where[0])
         if top in ("poses", "locked") and len(where) > 1:
             data[top] = {key: value for key, value in data[top].items() if key != where[1]}
         else:
             data.pop(top, None)
-    return document_model().model_validate(needed | data), {str(where[0]) for where in wrong}
+    return document_model().model_validate(placeholders | data), {str(where[0]) for where in locations}
 
 
 def _parameters(
     document: Document, findings: Findings, quantities: tuple[units.Quantity, ...], folder: FilePath
 ) -> tuple[dict[str, NamedParameter], tuple[str, ...]]:
     """Return the named parameters by the names of their components, and the names of unreadable ones."""
-    # a placeholder replaces an unreadable parameter, so that its uses are not reported too
-    named: dict[str, NamedParameter] = {}
+    # a placeholder replaces an unreadable parameter, so that its uses cause no further findings
+    parameters: dict[str, NamedParameter] = {}
     owners: dict[str, str] = {}
-    unread: list[str] = []
+    broken: list[str] = []
     for name, law in document.parameters.items():
         path: Path = ("parameters", name)
         if not NAME.fullmatch(name):
@@ -320,62 +322,62 @@ def _parameters(
             parameter = parse_parameter(name, law, quantities, folder)
         except InputError as error:
             findings.take(path, error)
-            unread += [name, f"{name}.x", f"{name}.y", *(f"{name}.{k}" for k in range(6))]
+            broken += [name, f"{name}.x", f"{name}.y", *(f"{name}.{k}" for k in range(6))]
             continue
         names = {name, *parameter.draw.components}
-        taken = next((other for other in sorted(names) if other in owners), None)
-        if taken is not None:
-            findings.error(path, f"the name {taken!r} is already used by the parameter {owners[taken]!r}")
+        duplicate = next((other for other in sorted(names) if other in owners), None)
+        if duplicate is not None:
+            findings.error(path, f"the name {duplicate!r} is already used by the parameter {owners[duplicate]!r}")
             continue
         owners |= dict.fromkeys(names, name)
-        named |= dict.fromkeys(parameter.draw.components, parameter)
-    placeholders = {name: NamedParameter(Draw(name, Fixed(0.0)), quantities) for name in unread if name not in owners}
-    return named | placeholders, tuple(placeholders)
+        parameters |= dict.fromkeys(parameter.draw.components, parameter)
+    placeholders = {name: NamedParameter(Draw(name, Fixed(0.0)), quantities) for name in broken if name not in owners}
+    return parameters | placeholders, tuple(placeholders)
 
 
 def _sources(
-    document: Document, findings: Findings, known: Mapping[str, type[Source]], context: Context
+    document: Document, findings: Findings, kinds: Mapping[str, type[Source]], context: Context
 ) -> tuple[dict[int, Source], dict[int, dict[str, Origin]], dict[Path, Mapping[str, Any]]]:
-    """Return readable sources and their numbers' origins by position, and the settings of the others by path."""
+    """Return readable sources and the origins of their values by position, and the settings of the others by path."""
     sources: dict[int, Source] = {}
-    broken: dict[Path, Mapping[str, Any]] = {}
+    invalid: dict[Path, Mapping[str, Any]] = {}
     origins: dict[int, dict[str, Origin]] = {}
     for k, entry in enumerate(document.sources):
         path: Path = ("sources", k)
         if not isinstance(entry, dict) or len(entry) != 1:
-            this = f"this has {len(entry)} keys" if isinstance(entry, dict) else f"this is {str(entry)[:40]!r}"
-            findings.error(path, f"a source is one kind with its settings, such as 'length: {{…}}'; {this}")
+            description = f"this has {len(entry)} keys" if isinstance(entry, dict) else f"this is {str(entry)[:40]!r}"
+            findings.error(path, f"a source is one kind with its settings, such as 'length: {{…}}'; {description}")
             continue
         name, settings = next(iter(entry.items()))
-        if name not in known:
-            findings.error((*path, name), f"unknown kind of source {name!r}: {nearest(name, known)}", "E_UNKNOWN_KEY")
+        if name not in kinds:
+            findings.error((*path, name), f"unknown kind of source {name!r}: {nearest(name, kinds)}", "E_UNKNOWN_KEY")
             continue
         if not isinstance(settings, dict):
             findings.error((*path, name), f"the settings of {name} are missing: {{key: value, …}}")
             continue
-        model = source_model(known[name])
-        stated = source_origins(settings, tuple(model.model_fields), (*path, name), findings)
-        if stated:
-            origins[k] = stated
-        about = {ASSUMED, PROVENANCE} - set(model.model_fields)
-        settings = {key: value for key, value in settings.items() if key not in about}
+        model = source_model(kinds[name])
+        setting_origins = source_origins(settings, tuple(model.model_fields), (*path, name), findings)
+        if setting_origins:
+            origins[k] = setting_origins
+        meta_keys = {ASSUMED, PROVENANCE} - set(model.model_fields)
+        settings = {key: value for key, value in settings.items() if key not in meta_keys}
         try:
             valid = model.model_validate(settings, context=context)
         except ValidationError as error:
             findings.take_validation(error, (*path, name), model)
-            broken[*path, name] = settings
+            invalid[*path, name] = settings
             continue
         try:
-            source = known[name](**{field: getattr(valid, field) for field in model.model_fields})
-            numbers = [field.name for field in setting_fields(known[name]) if field.may_be_random]
+            source = kinds[name](**{field: getattr(valid, field) for field in model.model_fields})
+            numbers = [field.name for field in setting_fields(kinds[name]) if field.may_be_random]
             is_given = any(number in settings or getattr(source, number) for number in numbers)
             if source.deviations and not is_given and not source.own_draws(""):
                 raise InputError(f"{name} without a number does nothing; give one or more of {', '.join(numbers)}")
             sources[k] = source
         except InputError as error:
             findings.take((*path, name), error)
-            broken[*path, name] = settings
-    return sources, origins, broken
+            invalid[*path, name] = settings
+    return sources, origins, invalid
 
 
 def _try_terms(
@@ -387,40 +389,40 @@ def _try_terms(
     approaches: Mapping[str, Approach],
     findings: Findings,
 ) -> tuple[Space, list[tuple[Path, Draw]]]:
-    """Report wrong joints and links by trying all poses; return the space with the sources' draws, and these."""
+    """Report invalid joints and links by evaluating all poses; return the space with the sources' draws, and the draws."""
     extension = Extension(space)
     usable: list[tuple[Path, Source, str]] = []
-    own: list[tuple[Path, Draw]] = []
+    source_draws: list[tuple[Path, Draw]] = []
     for (k, source), label in zip(sources.items(), names, strict=True):
         path: Path = ("sources", k, source.kind())
         with findings.taking(*path):
             extension.add(draws := source.draws(label))
             usable.append((path, source, label))
-            own += [(path, draw) for draw in draws]
+            source_draws += [(path, draw) for draw in draws]
     extended = extension.space()
     bound = {path: BoundSource(source, LabelledSpace(extended, label)) for path, source, label in usable}
-    tried = [replace(chain.at(q), approach=approaches.get(name, ())) for name, q in poses.items()]
-    for posture in tried or [chain.at(np.zeros(len(chain.joints)))]:
-        for path, one in tuple(bound.items()):
+    postures = [replace(chain.at(q), approach=approaches.get(name, ())) for name, q in poses.items()]
+    for posture in postures or [chain.at(np.zeros(len(chain.joints)))]:
+        for path, item in tuple(bound.items()):
             try:
-                for _ in one.terms(load_posture(posture, [one])):
+                for _ in item.terms(load_posture(posture, [item])):
                     pass
             except InputError as error:
                 findings.take(path, error)
                 del bound[path]
-        bound = {path: one for path, one in bound.items() if one.source.depends_on != "chain"}
-    return extended, own
+        bound = {path: item for path, item in bound.items() if item.source.depends_on != "chain"}
+    return extended, source_draws
 
 
 def correlated_space(
-    draws: Sequence[Draw], entries: Sequence[object], findings: Findings, unread: Sequence[str]
+    draws: Sequence[Draw], entries: Sequence[object], findings: Findings, unreadable: Sequence[str]
 ) -> Space:
     """Return the space of the sheet's draws with its correlations, whose errors become findings."""
     space = Space(tuple(draws))
     for k, entry in enumerate(entries):
         with findings.taking("correlations", k):
             correlation = _correlation(entry)
-            if not set(correlation.names) & set(unread):
+            if not set(correlation.names) & set(unreadable):
                 space = Space(space.draws, (*space.correlations, correlation))
     return space
 
@@ -458,10 +460,11 @@ def _ratio(value: Any, where: Path) -> float:
 
 
 _RESULT_SCHEMA: Final = "precision-pin/calibration/1"
+"""``schema`` of the JSON of ``calibrate``; a new number would mark a form that older versions cannot read."""
 
 
 def read_calibration(path: FilePath, name: str, robot: Robot) -> dict[str, Any]:
-    """Return the JSON that ``calibrate`` wrote; ``name`` begins messages. Raises InputError for another robot's."""
+    """Return the JSON written by ``calibrate``; messages begin with ``name``. Raises InputError if for another robot."""
     try:
         data = json.loads(read_text_file(path, 64 * 2**20))
     except UnreadableFileError as error:
@@ -476,27 +479,27 @@ def read_calibration(path: FilePath, name: str, robot: Robot) -> dict[str, Any]:
 
 
 def check_calibrated_robot(data: Mapping[str, Any], name: str, robot: Robot) -> None:
-    """Raise InputError if a result of ``calibrate`` is of a robot with other joints, or other names in old results."""
-    file, of = os.path.basename(robot.file), str(data.get("robot"))
+    """Raise InputError if a result of ``calibrate`` belongs to a robot with other joints (in old results: other name)."""
+    file, robot_name = os.path.basename(robot.file), str(data.get("robot"))
     try:
-        base, tip, known = (data["kinematics"][key] for key in ("base", "tip", "hash"))
-        is_same = robot.kinematics(base, tip) == known
+        base, tip, digest = (data["kinematics"][key] for key in ("base", "tip", "hash"))
+        is_same = robot.kinematics(base, tip) == digest
     except (InputError, KeyError, TypeError):
-        is_same = "kinematics" not in data and of == file
+        is_same = "kinematics" not in data and robot_name == file
     if not is_same:
-        why = "joints and tip are placed otherwise" if of == file else f"it is of {of}"
-        raise InputError(f"{name} is not of this {file}: {why}; calibrate this robot, or give the other one's URDF")
+        reason = "joints and tip are placed otherwise" if robot_name == file else f"it is of {robot_name}"
+        raise InputError(f"{name} is not of this {file}: {reason}; calibrate this robot, or give the other one's URDF")
 
 
 def read_estimates(data: dict[str, Any], file: str) -> Estimates:
-    """Return the estimates in JSON that ``calibrate`` wrote to a file."""
+    """Return the estimates in the JSON of ``calibrate``; ``file`` is named in messages."""
     try:
         names = tuple(map(str, data["posterior"]["names"]))
         mean = np.array([data["posterior"]["mean"][name] for name in names], dtype=float)
         covariance = np.array(data["posterior"]["covariance"], dtype=float)
         # missing in results of older versions
         stated = {
-            str(name): (float(one["mean"]), float(one["std"])) for name, one in (data.get("in_sheet") or {}).items()
+            str(name): (float(row["mean"]), float(row["std"])) for name, row in (data.get("in_sheet") or {}).items()
         }
         if not covariance.shape == (len(names),) * 2 or not len(set(names)) == len(names) > 0:
             raise ValueError
@@ -510,13 +513,14 @@ def read_estimates(data: dict[str, Any], file: str) -> Estimates:
 
 MEASURED: Final = "measured"
 ORIGINS: Final = ("assumed", "data sheet", MEASURED, "drawing")
-"""Possible origins of a number."""
+"""Possible origins of a value; a calibration sets the third."""
+# of messages: a word, and a word with a text
 _EXAMPLE: Final = "such as 'provenance: drawing' or 'provenance: {data sheet: \"page 12\"}'"
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a number comes from.
+    """Origin of a value.
 
     Attributes:
         kind: One of `ORIGINS`.
@@ -544,46 +548,46 @@ def read_origin(value: Any) -> Origin:
 def source_origins(
     settings: Mapping[str, Any], fields: Sequence[str], path: Path, findings: Findings
 ) -> dict[str, Origin]:
-    """Return the origins that a source states, by setting; under an empty name for all its numbers."""
-    found: dict[str, Origin] = {}
+    """Return the origins stated in a source, by setting; under an empty name for all its values."""
+    origins: dict[str, Origin] = {}
     if ASSUMED in settings and ASSUMED not in fields:
         mark = settings[ASSUMED]
         if mark not in ("true", "false"):
             findings.error((*path, ASSUMED), f"{ASSUMED} must be true or false, got {str(mark)[:40]!r}")
         elif mark == "true":
-            found[""] = Origin(ASSUMED)
+            origins[""] = Origin(ASSUMED)
     if PROVENANCE in settings and PROVENANCE not in fields:
         value = settings[PROVENANCE]
-        if found:
-            message = f"{ASSUMED} and {PROVENANCE} both say where the numbers come from; leave one out"
+        if origins:
+            message = f"{ASSUMED} and {PROVENANCE} both state the origin of the values; remove one of them"
             findings.error((*path, PROVENANCE), message)
         by_setting = isinstance(value, dict) and not set(value) & set(ORIGINS) and bool(set(value) & set(fields))
         for name, entry in value.items() if by_setting else [("", value)]:
             with findings.taking(*path, PROVENANCE, *([name] if name else [])):
                 if name and name not in fields:
                     raise UnknownNameError("setting", name, fields)
-                found[name] = read_origin(entry)
-    return found
+                origins[name] = read_origin(entry)
+    return origins
 
 
 def origins_by_path(
     stated: Mapping[str, Any], names: Sequence[str], labels: Sequence[str], findings: Findings
 ) -> dict[str, Origin]:
-    """Return the origins under the sheet's key ``provenance``, by paths as in ``--set``; ``*`` stands for anything."""
-    found: dict[str, Origin] = {}
-    known = [*(f"parameters.{name}" for name in names), *labels]
+    """Return the origins under the sheet's key ``provenance``, by paths as in ``--set``; ``*`` matches anything."""
+    origins: dict[str, Origin] = {}
+    paths = [*(f"parameters.{name}" for name in names), *labels]
     for pattern, value in stated.items():
         with findings.taking(PROVENANCE, pattern):
             origin = read_origin(value)
-            matched = [name for name in known if matches(pattern, name)]
+            matching = [name for name in paths if matches(pattern, name)]
             setting = ""
-            if not matched:
+            if not matching:
                 label, _, setting = pattern.rpartition(".")
-                matched = [name for name in labels if label and matches(label, name)]
-            if not matched:
-                raise UnknownNameError("parameter or source", pattern, known)
-            found |= {f"{name}.{setting}" if setting else name: origin for name in matched}
-    return found
+                matching = [name for name in labels if label and matches(label, name)]
+            if not matching:
+                raise UnknownNameError("parameter or source", pattern, paths)
+            origins |= {f"{name}.{setting}" if setting else name: origin for name in matching}
+    return origins
 
 
 @dataclass(frozen=True)
@@ -601,10 +605,10 @@ class SheetDifference:
 
 
 def sheet_differences(first: Sheet, other: Sheet) -> tuple[SheetDifference, ...]:
-    """Return the differences from one sheet to another, in the order of the first, then what is new.
+    """Return the differences between two sheets, in the order of the first, then new values.
 
-    Values are compared as written: ``0.1 mm`` and ``100 um`` differ. A source in only one sheet is one difference.
-    Sheets not read from a file or a dictionary have none.
+    Values are compared as text: ``0.1 mm`` and ``100 um`` differ. A source in only one sheet is one difference. Sheets
+    not read from a file or a dictionary have none.
     """
     if first.contents is None or other.contents is None:
         return ()

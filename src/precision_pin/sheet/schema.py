@@ -1,4 +1,4 @@
-"""The sheet's schema, derived from the source classes: one pydantic model for each kind of source; findings at lines."""
+"""Schema of a sheet, derived from the source classes: a pydantic model per kind of source; findings at lines."""
 
 from __future__ import annotations
 
@@ -49,14 +49,15 @@ ASSUMED: Final = "assumed"
 PROVENANCE: Final = "provenance"
 """Key for the origin of numbers: in every source, and at the top level by path."""
 _LAW: Final = {"title": "law"}
+"""Schema that marks a law in the models; :func:`json_schema` replaces it by a reference."""
 _FLAG: Final = [True, False, "true", "false"]
-"""Values of a flag, as any YAML reader reads them."""
+"""Values of a flag: other YAML readers convert it to a boolean, this one keeps text."""
 
 
 _Measurements = Annotated[
     Annotated[MeasurementEntry, Tag("one")] | Annotated[list[MeasurementEntry], Tag("several")],
     # reports the error of the intended form, not of both
-    Discriminator(lambda given: "several" if isinstance(given, list) else "one"),
+    Discriminator(lambda value: "several" if isinstance(value, list) else "one"),
 ]
 
 
@@ -65,9 +66,9 @@ class Context:
     """Context for validating a source's settings.
 
     Attributes:
-        named: The sheet's parameters, by the name of each of their numbers.
+        named: The sheet's parameters, by the names of their components.
         prismatic: Whether each joint is prismatic, by name.
-        folder: Folder that file names are relative to.
+        folder: Base folder of file names.
     """
 
     named: Mapping[str, NamedParameter]
@@ -76,11 +77,11 @@ class Context:
 
 
 class KeepOutEntry(BaseModel):
-    """A half space or a box in which no moving link may be."""
+    """A half space or a box that no moving link may enter."""
 
     model_config = ConfigDict(extra="forbid")
 
-    plane: str | None = Field(None, description="Normal of a plane, towards where the arm may be, such as '0 0 1'.")
+    plane: str | None = Field(None, description="Normal of a plane, towards the allowed side, such as '0 0 1'.")
     box: str | None = Field(None, description="Edges of a box along the base axes, such as '800 600 40 mm'.")
     at: str = Field("0 0 0 mm", description="A point of the plane, or the centre of the box, in base axes.")
 
@@ -92,16 +93,16 @@ class Document(BaseModel):
 
     version: Literal["1"] = Field(alias="precision-pin", description="Version of the sheet's format.")
     robot: str = Field(description="The URDF, relative to the sheet, or example:NAME, or robot_descriptions:NAME.")
-    tip: str | None = Field(None, description="The end-effector link; the only leaf if left out.")
-    base: str | None = Field(None, description="The fixed link; the root if left out.")
+    tip: str | None = Field(None, description="The end-effector link (default: the only leaf).")
+    base: str | None = Field(None, description="The fixed link (default: the root).")
     target: str | None = Field(
         None,
-        description="The point that results are about, in the tip's axes, such as '0 0 100 mm'; the tip if left out.",
+        description="Point of the results, in the tip's axes, such as '0 0 100 mm' (default: the tip).",
     )
     gravity: str = Field("earth", description="Base axes, such as '0 0 -9.81 m/s^2'; or earth, moon, none.")
     statics: Literal["nominal", "equilibrium"] = Field(
         "nominal",
-        description="nominal: loads act on the undeflected arm, as in the paper; equilibrium: on the arm at rest under them.",
+        description="nominal: loads on the undeflected arm, as in the paper; equilibrium: on the arm at rest under its loads.",
     )
     locked: dict[str, str] = Field(default_factory=dict, description="Values of joints that are locked.")
     limits: dict[str, str] = Field(
@@ -110,12 +111,12 @@ class Document(BaseModel):
     )
     keep_out: list[KeepOutEntry] | Literal["none"] | None = Field(
         None,
-        description="What the arm is kept out of, in base axes, planes and boxes; none: nothing; if left out: what is below the "
-        "plate on which the base stands.",
+        description="Keep-out zones in base axes, planes and boxes; none: no zone (default: the half space below the plate on "
+        "which the base stands).",
     )
     poses: dict[str, str | list[str] | dict[str, str | list[str] | dict[str, str]]] = Field(
         default_factory=dict,
-        description="Named joint values: in chain order with one unit, one by one, or by joint; or these as q: with approach:.",
+        description="Named joint values: in chain order with one unit, as a list, or by joint; or these as q: with approach:.",
     )
     parameters: dict[str, Any] = Field(default_factory=dict, description="Named laws, to be shared by sources.")
     correlations: list[Any] = Field(
@@ -124,14 +125,14 @@ class Document(BaseModel):
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
     calibrated: str | None = Field(
         None,
-        description="JSON of calibrate, relative to the sheet, whose estimates take the place of tolerances; or none.",
+        description="JSON of calibrate, relative to the sheet, whose estimates replace tolerances; or none.",
     )
     measurement: _Measurements | None = Field(
-        None, description="Instrument and set-up of calibrate, or a list of several; its options go first."
+        None, description="Instrument and set-up of calibrate, or a list of several; options override it."
     )
     provenance: dict[str, Any] = Field(
         default_factory=dict,
-        description="Where numbers come from, by path: assumed, data sheet, measured, drawing, or {word: text}.",
+        description="Origin of values, by path: assumed, data sheet, measured, drawing, or {word: text}.",
     )
     accept: dict[str, str] = Field(
         default_factory=dict,
@@ -175,8 +176,8 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
         definition["properties"][ASSUMED] = {"type": ["boolean", "string"], "enum": _FLAG}
         definition["properties"][PROVENANCE] = {"type": ["string", "object"]}
         definitions[name] = definition
-        one = {name: {"$ref": f"#/$defs/{name}"}}
-        choices.append({"type": "object", "properties": one, "required": [name], "maxProperties": 1})
+        entry = {name: {"$ref": f"#/$defs/{name}"}}
+        choices.append({"type": "object", "properties": entry, "required": [name], "maxProperties": 1})
     # other YAML readers read the version as a number
     schema["properties"]["precision-pin"] |= {"const": 1, "type": "integer"}
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
@@ -189,7 +190,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
 
 
 def _field_type(entry: SettingField) -> Any:
-    """Return the pydantic type of a setting: quantities and laws are read from text, all else is unchanged."""
+    """Return the pydantic type of a setting: quantities and laws are read from text, other types are unchanged."""
     part, hint = entry.part, entry.hint
     if part is not None:
         return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]  # type: ignore[misc]
@@ -203,15 +204,15 @@ def _field_type(entry: SettingField) -> Any:
     if not quantities:
         return hint
     options = typing.get_args(bare) if typing.get_origin(bare) in (types.UnionType, typing.Union) else (bare,)
-    listed = next((option for option in options if typing.get_origin(option) is tuple), None)
-    if listed is not None and not takes_law(listed):
-        levels = 2 if typing.get_origin(typing.get_args(listed)[0]) is tuple else 1
+    list_type = next((option for option in options if typing.get_origin(option) is tuple), None)
+    if list_type is not None and not takes_law(list_type):
+        levels = 2 if typing.get_origin(typing.get_args(list_type)[0]) is tuple else 1
         read = _reader(lambda value, info: _numbers(value, quantities, levels, info))
         return Annotated[Any, read, WithJsonSchema(_numbers_schema(quantities, levels))]
-    if listed is not None:
+    if list_type is not None:
         read = _reader(lambda value, info: _settings(value, quantities, info))
-        one = _setting_schema(quantities)
-        return Annotated[tuple[Any, ...], read, WithJsonSchema({"anyOf": [one, {"type": "array", "items": one}]})]
+        item = _setting_schema(quantities)
+        return Annotated[tuple[Any, ...], read, WithJsonSchema({"anyOf": [item, {"type": "array", "items": item}]})]
     if Law in options:
         read = _reader(lambda value, info: _setting(value, quantities, info))
         return Annotated[Any, read, WithJsonSchema(_setting_schema(quantities))]
@@ -234,42 +235,42 @@ Notes = tuple[Quantity | PerJoint | PerEntry, ...]
 
 @cache
 def used_quantities(kinds: tuple[type, ...]) -> tuple[Quantity, ...]:
-    """Return the quantities of all random settings of the kinds, which a named parameter can have."""
-    found: dict[Quantity, None] = {}
+    """Return the quantities of all random settings of the kinds, the possible quantities of named parameters."""
+    quantities: dict[Quantity, None] = {}
     for kind in kinds:
         for entry in setting_fields(kind):
             if entry.part is not None:
-                found |= dict.fromkeys(used_quantities((entry.part,)))
+                quantities |= dict.fromkeys(used_quantities((entry.part,)))
             for note in entry.notes if entry.may_be_random else ():
-                found |= dict.fromkeys(_either(note))
-    return tuple(found)
+                quantities |= dict.fromkeys(_either(note))
+    return tuple(quantities)
 
 
 @dataclass(frozen=True)
 class StatedNumber:
-    """A number in a setting: its possible units, and whether it has a law."""
+    """Number in a setting: its possible units, and whether it is random."""
 
     units: frozenset[str]
     is_random: bool
 
 
 def stated_numbers(kind: type, settings: Mapping[str, Any]) -> dict[str, StatedNumber]:
-    """Return the numbers and laws in the settings of a source, by path; entries of lists one by one."""
-    found: dict[str, StatedNumber] = {}
+    """Return the numbers and laws in the settings of a source, by path; list entries separately."""
+    numbers: dict[str, StatedNumber] = {}
     for entry in setting_fields(kind):
-        stated = settings.get(entry.name)
-        listed = enumerate(stated) if isinstance(stated, list) else ()
-        values = {f"{entry.name}[{k}]": one for k, one in listed} or {entry.name: stated}
+        setting = settings.get(entry.name)
+        items = enumerate(setting) if isinstance(setting, list) else ()
+        values = {f"{entry.name}[{k}]": item for k, item in items} or {entry.name: setting}
         quantities = [quantity for note in entry.notes for quantity in _either(note)]
         for path, value in values.items():
             if entry.part is not None and isinstance(value, dict):
-                found |= {f"{path}.{below}": one for below, one in stated_numbers(entry.part, value).items()}
+                numbers |= {f"{path}.{below}": item for below, item in stated_numbers(entry.part, value).items()}
             elif quantities and value not in (None, []):
                 is_law = isinstance(value, dict) or tolerance_law(value) is not None
                 is_name = isinstance(value, str) and NAME.fullmatch(value.strip()) is not None
                 units = frozenset(unit for quantity in quantities for unit in quantity.units)
-                found[path] = StatedNumber(units, entry.may_be_random and (is_law or is_name))
-    return found
+                numbers[path] = StatedNumber(units, entry.may_be_random and (is_law or is_name))
+    return numbers
 
 
 def _either(note: object) -> tuple[Quantity, ...]:
@@ -379,7 +380,7 @@ def _setting_schema(notes: Notes) -> dict[str, Any]:
 
 
 def _with_references(schema: Any) -> Any:
-    """Return a schema with references in place of laws, which pydantic cannot write itself."""
+    """Return a schema with laws replaced by references, which pydantic cannot write."""
     if isinstance(schema, dict):
         return {"$ref": "#/$defs/law"} if schema == _LAW else {key: _with_references(schema[key]) for key in schema}
     return [_with_references(entry) for entry in schema] if isinstance(schema, list) else schema
@@ -424,6 +425,7 @@ def _correlation_schema() -> dict[str, Any]:
     }
 
 
+# texts of pydantic's types of errors in the words of a sheet
 _SHAPES: Final = {
     "dict_type": "expected keys with values, {key: value}",
     "list_type": "expected a list, one entry after each '-'",
@@ -431,15 +433,16 @@ _SHAPES: Final = {
     "model_type": "expected keys with values, {key: value}",
     "string_type": "expected one value, a text without brackets, as in: 5 mm, or 0 0 5 mm for a point",
 }
-_MEANT: Final = {
+_HINTS: Final = {
     **dict.fromkeys(("rectangle", "rectangular", "square"), "; a rectangular tube is a box, a solid bar is general"),
     **dict.fromkeys(("round", "circle", "circular", "cylinder", "solid", "bar"), "; a solid round bar is a rod"),
     **dict.fromkeys(("pipe", "hollow"), "; a round pipe is a tube"),
 }
-"""Hints for other words for one of a few."""
+"""Hints for synonyms of allowed words."""
 MOST_ERRORS: Final = 100
-"""Most errors listed for a sheet; reading stops at more."""
+"""Maximum number of errors listed for a sheet; reading stops beyond, since more have a common cause."""
 
+# one text for pydantic's five errors about the value of a pose
 POSE_VALUES: Final = "expected joint values in chain order with one unit, a list of values, or joint names with values"
 
 
@@ -461,19 +464,19 @@ class Findings:
         self.found.append(Finding("warning", code, message, *self._where(path)))
 
     def take(self, path: Path, error: InputError) -> None:
-        """Add an error raised for a path, at the line of the key or name that it is about."""
+        """Add an error raised for a path, at the line of the key or name at fault."""
         if isinstance(error, SettingError):
             path = (*path, *error.below)
         if isinstance(error, UnknownNameError):
-            below = list(_within(self._value(path), path))
-            named = (where for where, value in below if where and value == error.name)
-            keyed = (where for where, _ in below if where and where[-1] == error.name)
-            path = next(itertools.chain(named, keyed), path)
+            nested = list(_within(self._value(path), path))
+            by_value = (where for where, value in nested if where and value == error.name)
+            by_key = (where for where, _ in nested if where and where[-1] == error.name)
+            path = next(itertools.chain(by_value, by_key), path)
         self._add([finding.at(*self._where(path)) for finding in error.findings])
 
     @contextmanager
     def taking(self, *path: str | int) -> Iterator[None]:
-        """Turn an input error of the body, which it ends, into a finding."""
+        """Convert an input error, which ends the body, to a finding."""
         try:
             yield
         except InputError as error:
@@ -481,12 +484,12 @@ class Findings:
 
     def take_validation(self, error: ValidationError, path: Path, model: type[BaseModel]) -> None:
         """Add pydantic's errors about the value at a path."""
-        seen: set[Path] = set()
+        reported: set[Path] = set()
         errors = error.errors()
         places = [self.walk(path, entry["loc"]) for entry in errors]
         for entry, where in zip(errors, places, strict=True):
-            # pydantic also reports the word that a list could be instead; drop it if an entry is wrong
-            if entry["type"] == "literal_error" and any(one[: len(where)] == where != one for one in places):
+            # pydantic also reports the word allowed instead of a list; omit it if an entry is invalid
+            if entry["type"] == "literal_error" and any(p[: len(where)] == where != p for p in places):
                 continue
             is_pose = path == () and entry["loc"][0] == "poses" and len(entry["loc"]) > 1
             where = where[:2] if is_pose else where
@@ -495,26 +498,26 @@ class Findings:
                 missing = str(entry["loc"][-1])
                 meaning = _meaning(model, entry["loc"])
                 self.error(where, f"the key {missing!r} is missing{f': {meaning}' if meaning else ''}", "E_MISSING_KEY")
-            elif where in seen:
+            elif where in reported:
                 continue
             elif entry["type"] == "extra_forbidden":
                 valid = _keys(model, entry["loc"][:-1])
                 self.error(where, f"unknown key {where[-1]!r}: {nearest(str(where[-1]), valid)}", "E_UNKNOWN_KEY")
             else:
-                said = entry["msg"].removeprefix("Value error, ")
-                message = POSE_VALUES if is_pose else _SHAPES.get(entry["type"], said)
+                text = entry["msg"].removeprefix("Value error, ")
+                message = POSE_VALUES if is_pose else _SHAPES.get(entry["type"], text)
                 reason = entry.get("ctx", {}).get("error")
                 below = reason.below if isinstance(reason, SettingReason) else ()
-                meant = _MEANT.get(str(entry["input"]).strip().lower(), "") if entry["type"] == "literal_error" else ""
-                self.error((*where, *below), f"{key}: {message[:1].lower()}{message[1:]}{meant}")
-            seen.add(where)
+                hint = _HINTS.get(str(entry["input"]).strip().lower(), "") if entry["type"] == "literal_error" else ""
+                self.error((*where, *below), f"{key}: {message[:1].lower()}{message[1:]}{hint}")
+            reported.add(where)
 
     def walk(self, path: Path, location: Path) -> Path:
-        """Return pydantic's location as a path, without pydantic's type names between the keys."""
+        """Return a location of pydantic as a path, without the type names between the keys."""
         value = self._value(path)
         for key in location:
-            known = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
-            if key in known:
+            valid_keys = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+            if key in valid_keys:
                 path, value = (*path, key), value[key]
         return path
 
@@ -532,7 +535,7 @@ class Findings:
         raise SheetError(ordered)
 
     def _where(self, path: Path) -> tuple[str, int | None]:
-        """Return the file and line of a path; the change it comes from; or, without lines, the path in words."""
+        """Return the file and line of a path; or the change that set it; or, without lines, the path as text."""
         change = self.text.change(path)
         if change is not None:
             return change, None
@@ -562,8 +565,8 @@ def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
 def _meaning(model: type[BaseModel], location: Path) -> str:
     """Return the description of a key at pydantic's location, or empty."""
     model = _model_at(model, location[:-1])
-    found = [field for name, field in model.model_fields.items() if location[-1] in (name, field.alias)]
-    return (found[0].description or "").removesuffix(".") if found else ""
+    fields = [field for name, field in model.model_fields.items() if location[-1] in (name, field.alias)]
+    return (fields[0].description or "").removesuffix(".") if fields else ""
 
 
 def _keys(model: type[BaseModel], location: Path) -> list[str]:

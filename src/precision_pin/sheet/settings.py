@@ -1,4 +1,4 @@
-"""Parser of a setting's text: a quantity, a law or a parameter's name. Laws define their own settings."""
+"""Parser of the text of a setting: a quantity, a law or the name of a parameter. Laws define the settings of a law."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def placed(*where: str | int) -> Iterator[None]:
 
 
 class LawReader:
-    """Reader of a law's settings, whose numbers all have one quantity; :attr:`unit` is the first unit read."""
+    """Reader of a law's settings, values of one quantity; :attr:`unit` is the first unit read."""
 
     def __init__(self, settings: Mapping[str, Any], quantities: tuple[Quantity, ...], folder: FilePath) -> None:
         self.settings = settings
@@ -60,7 +60,7 @@ class LawReader:
         return self._parse(value, where, 1)[0]
 
     def numbers(self, *where: str | int) -> list[float]:
-        """Return the numbers at a place: a list with a unit for each, or text with one unit for all."""
+        """Return the numbers at a place: a list with a unit each, or text with a common unit."""
         value = self.value(*where)
         if isinstance(value, list):
             return [self.number(*where, k) for k in range(len(value))]
@@ -76,7 +76,7 @@ class LawReader:
         return result
 
     def mean(self) -> float:
-        """Return the mean, 0 if left out."""
+        """Return the mean (default: 0)."""
         return self.number("mean") if "mean" in self.settings else 0.0
 
     def ratio(self, *where: str | int) -> float:
@@ -140,10 +140,12 @@ class LawReader:
 
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
+"""Name of a parameter: no leading digit, as numbers have, and no spaces or signs; brackets occur in names of draws."""
 TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
 """The sign in a tolerance: after a mean or nothing, before the half-width."""
 
 _HERE: Final = FilePath()
+"""The current folder, the default base of file names."""
 
 
 @dataclass(frozen=True)
@@ -155,14 +157,14 @@ class NamedParameter:
 
 
 def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
-    """Return a quantity in SI; laws are refused."""
+    """Return a quantity in SI; laws are rejected."""
     if isinstance(value, Mapping) or tolerance_law(value) is not None:
         raise InputError("expected a plain quantity, not a law or a tolerance")
     return units.parse(value, *quantities)
 
 
 def parse_setting(
-    value: object, quantities: Sequence[Quantity], named: Mapping[str, NamedParameter], folder: FilePath
+    value: object, quantities: Sequence[Quantity], parameters: Mapping[str, NamedParameter], folder: FilePath
 ) -> Setting:
     """Return a setting: a number in SI, an unnamed draw, or a parameter's name."""
     law = value if isinstance(value, Mapping) else tolerance_law(value)
@@ -173,12 +175,12 @@ def parse_setting(
         return parameter.draw
     if isinstance(value, str) and NAME.fullmatch(value.strip()):
         name = value.strip()
-        if name not in named:
-            raise UnknownNameError("parameter", name, named)
-        if not set(named[name].quantities) & set(quantities):
-            wanted = " or ".join(quantity.name for quantity in quantities)
-            is_one = " or ".join(quantity.name for quantity in named[name].quantities)
-            raise UnitError(f"the parameter {name!r} is a {is_one}; expected a {wanted}")
+        if name not in parameters:
+            raise UnknownNameError("parameter", name, parameters)
+        if not set(parameters[name].quantities) & set(quantities):
+            expected = " or ".join(quantity.name for quantity in quantities)
+            actual = " or ".join(quantity.name for quantity in parameters[name].quantities)
+            raise UnitError(f"the parameter {name!r} is a {actual}; expected a {expected}")
         return name
     try:
         return units.parse(value, *quantities)
@@ -228,14 +230,14 @@ def parse_law(
 ) -> NamedParameter:
     """Return the draw of a law written as a mapping with one law key; file names are relative to the folder."""
     laws = laws_of_sheets()
-    found = [key for key in value if key in laws]
-    if len(found) != 1:
-        given = f"has {', '.join(found)}" if found else "has none"
+    law_keys = [key for key in value if key in laws]
+    if len(law_keys) != 1:
+        fault = f"has {', '.join(law_keys)}" if law_keys else "has none"
         unknown = next((key for key in value if key not in laws and key not in law_options()), None)
-        if not found and unknown is not None:
-            given += f" ({unknown!r}: {nearest(unknown, laws)})"
-        raise InputError(f"a law needs exactly one of {', '.join(laws)}; this one {given}")
-    key = found[0]
+        if not law_keys and unknown is not None:
+            fault += f" ({unknown!r}: {nearest(unknown, laws)})"
+        raise InputError(f"a law needs exactly one of {', '.join(laws)}; this one {fault}")
+    key = law_keys[0]
     options = law_options(key)
     for other in value:
         if other != key and other not in options:
@@ -246,12 +248,12 @@ def parse_law(
     reader = LawReader(value, tuple(quantities), folder)
     scope = reader.scope()
     law = laws[key].from_sheet(reader)
-    known = (reader.quantities[0].written_in(reader.unit),) * law.size if len(reader.quantities) == 1 else ()
-    return NamedParameter(Draw(name, law, scope, known), reader.quantities)
+    draw_quantities = (reader.quantities[0].written_in(reader.unit),) * law.size if len(reader.quantities) == 1 else ()
+    return NamedParameter(Draw(name, law, scope, draw_quantities), reader.quantities)
 
 
 def law_options(*keys: str) -> tuple[str, ...]:
-    """Return the keys allowed beside those of some laws, or of all if none is given; ``scope`` always is."""
+    """Return the further keys of laws (default: of all laws), including ``scope``."""
     laws = laws_of_sheets()
-    own = [option.key for key in keys or laws for option in laws[key].form.options]
-    return (*dict.fromkeys(own), "scope")
+    option_keys = [option.key for key in keys or laws for option in laws[key].form.options]
+    return (*dict.fromkeys(option_keys), "scope")

@@ -22,8 +22,9 @@ from precision_pin.sheet.text import Path, Text
 from precision_pin.terms.source import Source
 
 FEW: Final = 30
-"""Measured samples below which the spread of draws from them gets a warning."""
+"""Measured samples below which their spread gets a warning: with 30 the true σ may still be 1.3 times that of the samples."""
 _CONFIDENCE: Final = 0.95
+"""Confidence of the factor in that warning, as of the intervals of results."""
 
 
 def remark_on_sources(
@@ -32,11 +33,11 @@ def remark_on_sources(
     names: Sequence[str],
     space: Space,
     parameters: Sequence[Draw],
-    own: Sequence[tuple[Path, Draw]],
+    source_draws: Sequence[tuple[Path, Draw]],
     findings: Findings,
 ) -> None:
-    """Warn of settings that are probably unintended; refuse laws too wide to compute with."""
-    for path, draw in (*((("parameters", draw.name), draw) for draw in parameters), *own):
+    """Warn of settings that are probably unintended; reject laws too wide to compute with."""
+    for path, draw in (*((("parameters", draw.name), draw) for draw in parameters), *source_draws):
         with findings.taking(*path):
             _ = draw.covariance
             remark = few_samples(draw.law)
@@ -44,8 +45,8 @@ def remark_on_sources(
                 findings.warning(path, f"{draw.name}: {remark}", "W_FEW_SAMPLES")
     findings.refuse()
     for (k, source), label in zip(sources.items(), names, strict=True):
-        for found in source.remarks(LabelledSpace(space, label)):
-            findings.warning(("sources", k, source.kind()), found.message, found.code)
+        for finding in source.remarks(LabelledSpace(space, label)):
+            findings.warning(("sources", k, source.kind()), finding.message, finding.code)
     if not sources:
         message = "there are no error sources: every robot is perfect, and no specification can be judged"
         findings.warning(("sources",), message, "W_NO_SOURCES")
@@ -57,17 +58,17 @@ def remark_on_sources(
 
 
 def _remark_on_constants(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:
-    """Warn of plain numbers in place of tolerances, all in one message."""
-    found = [
+    """Warn of plain numbers instead of tolerances, all in one message."""
+    constants = [
         (("sources", k, source.kind(), *below), text)
         for k, source in sources.items()
         for below, text in _constants(source, document.sources[k][source.kind()])
     ]
-    if found:
-        path, text = found[0]
+    if constants:
+        path, text = constants[0]
         key, size = path[3], text.lstrip(" +-")
         message = (
-            f"{key}: {text} is a constant error, the same in every robot{_more(found)}; write a tolerance as ±{size} (that "
+            f"{key}: {text} is a constant error, the same in every robot{_more(constants)}; write a tolerance as ±{size} (that "
             f"is {{uniform: {size}}}), an intended constant as {{fixed: {text}}}"
         )
         findings.warning(path, message, "W_CONSTANT")
@@ -77,15 +78,15 @@ def _remark_on_angles(document: Document, sources: Mapping[int, Source], finding
     """Warn of large angles among errors written in rad, all in one message."""
     parts: list[tuple[Path, Any]] = [(("parameters", name), law) for name, law in document.parameters.items()]
     parts += [(("sources", k), document.sources[k]) for k in sources]
-    found = [((*path, *below), text) for path, part in parts for below, text in _large_angles(part)]
-    if found:
-        path, text = found[0]
-        message = f"{text!r} is an error of 2 deg or more{_more(found)}; did you mean deg, or mrad?"
+    angles = [((*path, *below), text) for path, part in parts for below, text in _large_angles(part)]
+    if angles:
+        path, text = angles[0]
+        message = f"{text!r} is an error of 2 deg or more{_more(angles)}; did you mean deg, or mrad?"
         findings.warning(path, message, "W_ANGLE_UNIT")
 
 
-def _more(found: Sequence[object]) -> str:
-    return f" (and {len(found) - 1:,} more like it)" if len(found) > 1 else ""
+def _more(occurrences: Sequence[object]) -> str:
+    return f" (and {len(occurrences) - 1:,} more like it)" if len(occurrences) > 1 else ""
 
 
 def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> None:
@@ -104,13 +105,13 @@ def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> Non
 
 
 def note_on_normal(text: Text, file: str) -> Finding | None:
-    """Return a note on the first ``normal:`` whose number is three standard deviations by default."""
-    found = [one for key in ("parameters", "sources") for one in _plain_normals(text.data.get(key), (key,))]
-    if not found:
+    """Return a note on the first ``normal:`` whose value is three standard deviations by default."""
+    normals = [normal for key in ("parameters", "sources") for normal in _plain_normals(text.data.get(key), (key,))]
+    if not normals:
         return None
-    path, half_width = found[0]
+    path, half_width = normals[0]
     message = (
-        f"normal: {half_width} is a tolerance of ±3σ{_more(found)}; a standard deviation is written "
+        f"normal: {half_width} is a tolerance of ±3σ{_more(normals)}; a standard deviation is written "
         f"normal: {{std: {half_width.lstrip(' ±')}}}"
     )
     return Finding("note", "N_NORMAL", message, file, text.line(path))
@@ -128,20 +129,20 @@ def _plain_normals(value: object, below: Path) -> Iterator[tuple[Path, str]]:
 
 
 def pose_remark(value: str | list[str] | Mapping[str, str], chain: Chain) -> str | None:
-    """Return a question about the unit of a valid pose; ``None`` if the unit looks right."""
+    """Return a question about the unit of a valid pose; ``None`` if the unit is plausible."""
     if isinstance(value, str):
         numbers, unit = units.split(value)
         value = [f"{number!r} {unit}" for number in numbers]
-    written = value if isinstance(value, Mapping) else dict(zip(chain.joint_names, value, strict=True))
-    return _pose_question(written, {joint.name: joint for joint in chain.joints if joint.kind != "prismatic"})
+    values = value if isinstance(value, Mapping) else dict(zip(chain.joint_names, value, strict=True))
+    return _pose_question(values, {joint.name: joint for joint in chain.joints if joint.kind != "prismatic"})
 
 
 def few_samples(law: Law) -> str | None:
-    """Return a warning about a law made from few measured samples; None for any other law.
+    """Return a warning about a law of few measured samples; None for any other law.
 
-    Draws from n samples have the samples' variance with divisor n, or less with straight lines between them: on average
-    below the true one. The warning gives the upper confidence limit of the true standard deviation for normal numbers,
-    ``s √((n - 1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
+    Draws from n samples have the samples' variance with divisor n, or less with interpolation: on average below the true
+    variance. The warning gives the upper confidence bound of the true standard deviation for normal samples, ``s √((n -
+    1)/χ²)`` with the lower quantile of χ² of n - 1 degrees of freedom.
     """
     samples = law.measured
     if samples is None:
@@ -151,15 +152,15 @@ def few_samples(law: Law) -> str | None:
         return None
     if count == 1:
         return "one measured sample has no spread; give a law with a tolerance about it"
-    spread, drawn = samples.std(axis=0, ddof=1), np.sqrt(np.diag(law.covariance))
+    spread, draw_stds = samples.std(axis=0, ddof=1), np.sqrt(np.diag(law.covariance))
     varies = spread > 0
     if not varies.any():
         return f"{count} measured samples that are all the same have no spread; give a law with a tolerance about them"
-    factor = float((drawn[varies] / spread[varies]).min())
-    most = math.sqrt((count - 1) / (2 * float(lazy_special.gammaincinv((count - 1) / 2, 1 - _CONFIDENCE))))
+    factor = float((draw_stds[varies] / spread[varies]).min())
+    largest = math.sqrt((count - 1) / (2 * float(lazy_special.gammaincinv((count - 1) / 2, 1 - _CONFIDENCE))))
     return (
         f"{count} measured samples: draws from them have {factor:.2f} times the samples' standard deviation (divisor n - 1), "
-        f"and the true one may be up to {most:.1f} times the samples' ({_CONFIDENCE:.0%} confidence, for normal numbers); "
+        f"and the true one may be up to {largest:.1f} times the samples' ({_CONFIDENCE:.0%} confidence, for normal numbers); "
         f"give a law with a known spread, or at least {FEW} samples"
     )
 
@@ -169,18 +170,18 @@ def _constants(source: Source, settings: Mapping[str, Any]) -> Iterator[tuple[Pa
         value = getattr(source, key)
         for k, entry in enumerate(value if isinstance(value, tuple) else (value,)):
             if isinstance(entry, float) and entry != 0:
-                written = settings.get(key, "")
-                path: Path = (key, k) if isinstance(written, list) else (key,)
-                yield path, str(written[k] if isinstance(written, list) else written)
-                if not isinstance(written, list):
+                setting = settings.get(key, "")
+                path: Path = (key, k) if isinstance(setting, list) else (key,)
+                yield path, str(setting[k] if isinstance(setting, list) else setting)
+                if not isinstance(setting, list):
                     break  # several numbers in one text
 
 
 def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]:
-    """Yield path and text of each angle in rad that is large for an error, in a source's settings or a law."""
+    """Yield path and text of each angle in rad that is large for an error, in settings of a source or in a law."""
     if isinstance(value, Mapping):
         for key, entry in value.items():
-            # these are large by nature
+            # these angles are large by nature
             if key not in ("roll", "period"):
                 yield from _large_angles(entry, (*below, key))
     elif isinstance(value, list):
@@ -195,24 +196,24 @@ def _large_angles(value: object, below: Path = ()) -> Iterator[tuple[Path, str]]
             yield below, value
 
 
-def _pose_question(written: Mapping[str, str], joints: Mapping[str, Joint]) -> str | None:
-    """Return a question about joint values with a probably wrong unit; ``None`` if all look right."""
-    # A value in rad looks wrong if it is outside the joint's limits, or beyond two turns if there are none, and would
-    # be inside in degrees. One in degrees looks wrong if all are small and it is close to a multiple of π/4.
-    small, slips = True, []
-    for name, text in written.items():
+def _pose_question(values: Mapping[str, str], joints: Mapping[str, Joint]) -> str | None:
+    """Return a question about joint values with a probably wrong unit; ``None`` if all are plausible."""
+    # A value in rad is doubtful if it is outside the joint's limits, or beyond two revolutions without limits, and inside
+    # in degrees. A value in degrees is doubtful if all are small and it is close to a multiple of π/4.
+    are_small, slips = True, []
+    for name, text in values.items():
         if name not in joints:
             continue
         (number, *_), unit = units.split(text)
         if unit == "rad" and _looks_like_degrees(number, joints[name]):
             return f"{name} at {number:g} rad is {math.degrees(number):.4g} deg; did you mean deg?"
         if unit in ("deg", "°"):
-            small = small and abs(number) <= 2 * math.pi
+            are_small = are_small and abs(number) <= 2 * math.pi
             eighths = abs(number) / (math.pi / 4)
-            # so near to a multiple of π/4 the number is taken for its rounded value
+            # this close to a multiple of π/4, assume a rounded constant
             if round(eighths) and abs(eighths - round(eighths)) * math.pi / 4 < 0.002 and number != round(number):
                 slips.append(f"{name} at {number:g} deg looks like {round(eighths) / 4:g} π; did you mean rad?")
-    return slips[0] if small and slips else None
+    return slips[0] if are_small and slips else None
 
 
 def _looks_like_degrees(number: float, joint: Joint) -> bool:

@@ -1,6 +1,6 @@
 """Parser of YAML text into plain data with line numbers.
 
-Every scalar stays text, so that YAML converts none of ``1e-4``, ``on`` and ``12:30``; units.py reads the numbers.
+Every scalar remains text, so that YAML converts none of ``1e-4``, ``on`` and ``12:30``; units.py reads the numbers.
 """
 
 from __future__ import annotations
@@ -19,14 +19,15 @@ Path = tuple[str | int, ...]
 
 MOST_LEVELS: Final = 12
 MOST_NODES: Final = 100_000
+"""Nested levels and nodes of a sheet, aliases expanded: eight levels are needed; 100,000 nodes take 0.6 s, by ruamel 7 s."""
 
 _OTHERWISE: Final = re.compile(
     r"[^\n -~\xa0-\u2027\u202a-\ufefe\uff00-\U0010ffff]|^(?:%|---|\.\.\.)|[{,]\s*:|:\s*[]},]|(?:^|[\s[{,:])[&*!]"
     r"|[|>][-+\d]* *(?:#|$)|.{1000}",
     re.MULTILINE,
 )
-"""Where libyaml may differ: tabs, control characters, other line ends, directives, several documents, empty keys and values,
-anchors and tags, block scalars, long keys."""
+"""Text that libyaml may read differently: tabs, control characters, other line ends, directives, several documents, empty
+keys and values, anchors and tags, block scalars, long keys."""
 
 
 def written_yaml(data: Mapping[str, Any]) -> str:
@@ -79,7 +80,7 @@ class _Node:
 def read_text(text: str, file: str) -> Text:
     """Return the contents of YAML text.
 
-    libyaml, some ten times faster, reads what is right; ruamel.yaml what has findings or might be read differently.
+    libyaml, some ten times faster, reads valid text; ruamel.yaml reads text with findings or possible differences.
     """
     findings: list[Finding] = []
 
@@ -107,7 +108,7 @@ Wrong = Callable[[str, int | None], Finding]
 
 
 def _read_with_libyaml(text: str, file: str, wrong: Wrong) -> Text | None:
-    """Return the contents of YAML text; None if there is anything to report, or if libyaml is missing or may differ."""
+    """Return the contents of YAML text; None if there are findings, or if libyaml is missing or may differ."""
     try:
         from yaml import YAMLError as OtherError
         from yaml import events as kinds
@@ -165,7 +166,7 @@ def _compose(stream: Iterable[Any], kinds: ModuleType, findings: list[Finding], 
 
 
 class _Conversion:
-    """Recursive conversion of a tree into plain data, with a limit on the depth that aliases can make."""
+    """Recursive conversion of a tree to plain data, with a limit on the depth of expanded aliases."""
 
     def __init__(self, file: str, findings: list[Finding], wrong: Wrong) -> None:
         self._file, self._findings, self._wrong = file, findings, wrong

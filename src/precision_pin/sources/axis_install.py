@@ -13,7 +13,7 @@ from precision_pin.terms import Dependence, Draw, InputError, LabelledSpace, Pos
 
 @dataclass(frozen=True, kw_only=True)
 class AxisInstall(Source):
-    """Installation error of a joint's axis: the real axis passes through two points beside the nominal axis.
+    """Installation error of a joint's axis: the real axis passes through two points near the nominal axis.
 
     In the joint's frame turned so that z is the axis, the real axis passes through A in the plane z = start and B in
     the plane z = start + span, each uniform over a disc about the nominal axis. With ``AE = (x_B - x_A, y_B - y_A)``

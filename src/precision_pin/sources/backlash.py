@@ -74,11 +74,11 @@ class Backlash(Source):
         gap = space.positive("backlash", self.backlash, zero=True)
         direction = posture.direction_of(joint)
         if direction:
-            # friction's hold beyond the load, in the direction of motion: not negative on the flank behind the drive
-            held: dict[Factors, float] = {(): self.band}
+            # friction minus load, in the direction of motion: not negative on the flank behind the drive
+            margin: dict[Factors, float] = {(): self.band}
             for factors, share in (posture.deciding or posture).torque_on(joint).items():
-                held[factors] = held.get(factors, 0.0) - direction * share
-            yield Term.of(JointValue(joint), -direction / 2, gap, side_of(held, space.space))
+                margin[factors] = margin.get(factors, 0.0) - direction * share
+            yield Term.of(JointValue(joint), -direction / 2, gap, side_of(margin, space.space))
             return
         torque = float(at_means(posture.torque_on(joint), space.space))
         if abs(torque) >= self.band:

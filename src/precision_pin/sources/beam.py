@@ -21,13 +21,16 @@ from precision_pin.terms import Array, Chain, Factors, LabelledSpace, Load, Plac
 from precision_pin.terms.term import at_means
 
 _PARALLEL: Final = 1e-9
-"""Sine of the angle below which an axis counts as parallel to the beam."""
+"""Sine of the angle below which an axis counts as parallel to the beam: above rounding, below the angles of drawings."""
 _ASIDE: Final = 0.1
-"""Sine of the angle up to which a joint counts as sliding along the link."""
+"""Sine of the angle up to which a joint counts as sliding along the link: 6°, far above tolerances of an assembly."""
 _FIRST_ORDER: Final = 0.005
-"""Largest share of the buckling load at which a beam with a carriage bends to first order under equilibrium statics."""
+"""Largest fraction of the buckling load at which a beam with a carriage bends to first order under equilibrium statics.
+
+The bending neglects about this fraction of itself.
+"""
 _BACK: Final = np.array([-1.0, -1.0, 1.0])
-"""Factors of the axes that turn them about z, so that x points back."""
+"""Factors of the axes that rotate them by π about z, so that x points back."""
 _FORCE: Final = np.repeat([1.0, 0.0], 3)
 _MOMENT: Final = np.repeat([0.0, 1.0], 3)
 """Masks of force and moment in a wrench ``[F; M]``."""
@@ -71,12 +74,12 @@ class Beam(Profile, OnLink):
 
     Attributes:
         link: A URDF link of the chain link that bends.
-        section: Shape of the section, in place of rigidities: ``tube``, ``rod`` (solid), ``box`` (rectangular tube) or
+        section: Shape of the section, instead of rigidities: ``tube``, ``rod`` (solid), ``box`` (rectangular tube) or
             ``general``.
         material: ``steel``, ``stainless_steel``, ``aluminium`` or ``titanium``: gives E, G and density.
-        E, G: Modulus of elasticity and shear modulus, in place of the material's.
-        poisson_ratio: In place of G: ``G = E/(2 (1 + ν))``.
-        density: Density in place of the material's, for ``self_weight: section``.
+        E, G: Modulus of elasticity and shear modulus, instead of the material's.
+        poisson_ratio: Instead of G: ``G = E/(2 (1 + ν))``.
+        density: Density instead of the material's, for ``self_weight: section``.
         outer_diameter: Outer diameter of a tube.
         diameter: Diameter of a rod.
         width, height: Outer dimensions of a box: along z (the joint's axis) and along y.
@@ -86,17 +89,17 @@ class Beam(Profile, OnLink):
         J: Torsion constant of a general section.
         EI: Bending rigidity about every axis normal to x; or ``EI_y`` and ``EI_z`` about y and z.
         GI: Torsional rigidity.
-        EA: Axial rigidity; rigid if left out, as is each of the others.
+        EA: Axial rigidity (default of all rigidities: rigid).
         segments: Parts with their own sections, starting at the link's own joint: each with ``length`` or ``fraction``
             (one may have neither) and any of the settings above.
-        bending_stiffness, torsion_stiffness: In place of EI and GI: moment at the end for one radian there.
-        axial_stiffness: In place of EA: force at the end for one metre there.
+        bending_stiffness, torsion_stiffness: Instead of EI and GI: moment at the end for one radian there.
+        axial_stiffness: Instead of EA: force at the end for one metre there.
         roll: Angle of the section about x.
         self_weight: Distribution of the masses of the URDF links along the beam. ``uniform``: the mass of the link's
             own body (the child of its joint; frames without mass are skipped) is spread evenly over its part of the
             beam, that of a body bolted to it evenly about its centre of mass, as far as its own part reaches on both
             sides. ``centre``: each mass acts at the projection of its centre of mass, with the moment of the offset.
-            ``section``: density × area in place of the own body's mass, the others as ``uniform``.
+            ``section``: density × area instead of the own body's mass, the others as ``uniform``.
         supports: Which ends are held: the ``start``, or ``both``, a bridge.
         start: Position of the first support along x from the held end of the link: its start, or with ``pads_on: parent``
             its end.
@@ -131,7 +134,7 @@ class Beam(Profile, OnLink):
     pads_on: PadsOn = "child"
 
     def __post_init__(self) -> None:
-        at_end = self.given("bending_stiffness", "torsion_stiffness", "axial_stiffness")
+        end_stiffnesses = self.given("bending_stiffness", "torsion_stiffness", "axial_stiffness")
         if self.self_weight not in ("uniform", "centre", "section"):
             raise UnknownNameError("self_weight", self.self_weight, ("uniform", "centre", "section"))
         check_choice("supports of beam", self.supports or "start", ("start", "both"))
@@ -140,22 +143,22 @@ class Beam(Profile, OnLink):
             raise InputError(f"the span of beam must be positive, got {self.span} m")
         if self.supports == "both" and (self.span is None or self.segments):
             raise InputError("supports: both of beam needs span:, the distance of the two supports, and no segments:")
-        if at_end and (self.section is not None or self.segments):
-            raise InputError(f"beam needs either section: or segments:, or {at_end[0]}:")
+        if end_stiffnesses and (self.section is not None or self.segments):
+            raise InputError(f"beam needs either section: or segments:, or {end_stiffnesses[0]}:")
         if self.bending_stiffness is not None and self.given("EI", "EI_y", "EI_z"):
             raise InputError("beam needs one of EI:, EI_y: with EI_z:, and bending_stiffness:")
         for rigidity, stiffness in (("GI", "torsion_stiffness"), ("EA", "axial_stiffness")):
             if len(self.given(rigidity, stiffness)) > 1:
                 raise InputError(f"beam needs one of {rigidity}: and {stiffness}:")
-        for name in at_end:
+        for name in end_stiffnesses:
             value = getattr(self, name)
             if isinstance(value, float | int) and not value > 0:
                 raise InputError(f"{name} of a beam must be positive, got {value}")
         for part in stretches(self, self.segments):
-            part.check(may_be_rigid=bool(at_end), weighs=self.self_weight == "section")
+            part.check(may_be_rigid=bool(end_stiffnesses), weighs=self.self_weight == "section")
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
-        """For a weight by section, yield loads that cancel the URDF's masses, and the weights instead."""
+        """For a weight by section, yield loads that cancel the masses of the URDF, and the weights of the section."""
         if self.self_weight != "section":
             return
         chain = posture.chain
@@ -179,10 +182,10 @@ class Beam(Profile, OnLink):
         beam_loads = list(self._beam_loads(posture, space, line, shape))
         reaches = (line.reach,) if shape is None else (line.reach, line.reach / 2)
 
-        def terms(bent: Array, *factors: Value) -> Iterator[Term]:
-            yield Term.of(line.place, line.to_place @ bent[0], *factors, loaded=True)
+        def terms(bends: Array, *factors: Value) -> Iterator[Term]:
+            yield Term.of(line.place, line.to_place @ bends[0], *factors, loaded=True)
             if shape is not None:
-                bow = bent[1] - middle_of(line.reach) @ bent[0]
+                bow = bends[1] - middle_of(line.reach) @ bends[0]
                 yield Term.of(Place.bow(line.place), block_diagonal(line.axes) @ bow, *factors, loaded=True)
 
         if shape is not None:
@@ -199,13 +202,13 @@ class Beam(Profile, OnLink):
                     line.check_load_along(beam_loads, flexibility, space)
                 total: dict[Factors, Array] = {}
                 for beam_load, on_shape in acting:
-                    bent = np.array([line.displacement(beam_load, start, stop, rows, reach) for reach in reaches])
+                    bends = np.array([line.displacement(beam_load, start, stop, rows, reach) for reach in reaches])
                     if on_shape is not None:
-                        bent = bent + on_shape[:, list(rows)].sum(axis=1)
-                    known = total.get(beam_load.factors)
-                    total[beam_load.factors] = bent if known is None else known + bent
-                for factors, bent in total.items():
-                    yield from terms(bent, *factors, flexibility)
+                        bends = bends + on_shape[:, list(rows)].sum(axis=1)
+                    previous = total.get(beam_load.factors)
+                    total[beam_load.factors] = bends if previous is None else previous + bends
+                for factors, bends in total.items():
+                    yield from terms(bends, *factors, flexibility)
 
     def _parts(self, line: _Line) -> Iterator[tuple[float, float, Stretch]]:
         """Yield start, end (m along the beam) and settings of each part from the first support on."""
@@ -269,18 +272,18 @@ class Beam(Profile, OnLink):
                     yield _BeamLoad(reach - half_spread, reach + half_spread, force, beam_load.factors)
 
         def on_link() -> Iterator[_BeamLoad]:
-            own = _along(posture.loads, link)
+            link_loads = _along(posture.loads, link)
             match self.self_weight:
                 case "uniform":
-                    for load in own:
+                    for load in link_loads:
                         start, stop = line.stretch(load)
                         yield from beam_loads([load], end, start, stop) if stop > start else attached_loads(load)
                 case "centre":
-                    for load in own:
+                    for load in link_loads:
                         yield from attached_loads(load)
                 case "section":
                     weights = list(self._weights(line, space))
-                    if len(own) != 2 * len(_along(posture.chain.loads, link)) + len(weights):
+                    if len(link_loads) != 2 * len(_along(posture.chain.loads, link)) + len(weights):
                         raise InputError(f"two beams give the link of {self.link!r} its weight by section")
                     for start, stop, load in weights:
                         yield from beam_loads([load], end, start, stop)
@@ -292,7 +295,7 @@ class Beam(Profile, OnLink):
         for beam_load in on_link():
             yield beam_load if line.is_far else dataclasses.replace(beam_load, wrench=-beam_load.wrench)
             if not line.is_far:
-                # seen from the supports, what holds the point on the side of the base pushes it
+                # seen from the supports, the reaction at the point on the side of the base is a load
                 yield beam_load.moved_to(line.reach)
 
 
@@ -311,35 +314,35 @@ class _BeamLoad:
     factors: Factors
 
     def moved_to(self, reach: float) -> _BeamLoad:
-        """Return the load at another point that holds a rigid beam in the same way."""
+        """Return the load at another point with equal reactions on a rigid beam."""
         wrench = self.wrench * _FORCE if self.stop > self.start else self.wrench
         return _BeamLoad(reach, reach, _lever((self.start + self.stop) / 2 - reach).T @ wrench, self.factors)
 
     def displacement(self, start: float, stop: float, length: float, rows: tuple[int, ...]) -> Array:
-        """Return a cantilever's displacement at ``length`` by bending of one part, with unit stiffness in the given rows."""
-        bent = np.zeros((6, 6))
+        """Return a cantilever's displacement at ``length`` by bending of one part, with unit stiffness in these rows."""
+        matrix = np.zeros((6, 6))
         spread, stop = self.stop - self.start, min(stop, length)
         if start >= min(stop, self.stop):
             return np.zeros_like(self.wrench)
         if spread == 0.0:
             # a load beyond the part acts through the part's end
             reach = min(self.stop, stop)
-            bent = point_flexibility(stop - start, reach - start) @ _lever(self.stop - reach).T
+            matrix = point_flexibility(stop - start, reach - start) @ _lever(self.stop - reach).T
         else:
             first, last = max(self.start, start), min(self.stop, stop)
             if last > first:
-                bent = stretch_flexibility(stop - start, first - start, last - start) * ((last - first) / spread)
+                matrix = stretch_flexibility(stop - start, first - start, last - start) * ((last - first) / spread)
             beyond = self.stop - max(self.start, stop)
             if beyond > 0.0:
                 middle = self.stop - beyond / 2
                 force = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) * (beyond / spread)
-                bent = bent + point_flexibility(stop - start, stop - start) @ _lever(middle - stop).T @ force
+                matrix = matrix + point_flexibility(stop - start, stop - start) @ _lever(middle - stop).T @ force
         displacement = np.zeros_like(self.wrench)
-        displacement[list(rows)] = (bent @ self.wrench)[list(rows)]
+        displacement[list(rows)] = (matrix @ self.wrench)[list(rows)]
         return _lever(length - stop) @ displacement
 
     def on_shape(self, shape: BentShape | None, start: float, stop: float) -> Array | None:
-        """Return further displacements of end and middle because the load acts on the bent shape, ``(2, 6, 6)``."""
+        """Return the second-order displacements of end and middle by the load on the bent shape, ``(2, 6, 6)``."""
         # Each row is for unit flexibility of one part in that row; zero along x. None on the undeflected arm.
         if shape is None:
             return None
@@ -350,12 +353,12 @@ class _BeamLoad:
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """The line of a beam, x from its first support on, with the point whose displacement counts: its end, or a carriage.
+    """The axis of a beam, x from its first support, and the point of interest: its end, or a carriage.
 
     Attributes:
-        link: Number of the chain link.
+        link: Index of the chain link.
         origin, axes: First support ``(3,)``, and axes of the beam as columns ``(3, 3)``, link's axes.
-        reach, span: Distance of the point from the first support, and length of the beam, infinite if not known, m.
+        reach, span: Distance of the point from the first support, and length of the beam, infinite if unknown, m.
         offset: From the point to the origin of the place, link's axes, ``(3,)``.
         place, to_place: The place displaced, and the matrix ``(6, 6)`` from the displacement of the point, beam axes.
         is_link: Whether it is a cantilever from the link's start to its end, at all joint values.
@@ -379,7 +382,7 @@ class _Line:
 
     @classmethod
     def of(cls, beam: Beam, chain: Chain, q: Array | None = None) -> _Line:
-        """Return the line of a beam at joint values; without them at zero, whether on the beam or not.
+        """Return the line of a beam at joint values (default: zero, on the beam or not).
 
         Raises:
             InputError: The link has no length, two joints slide along it, the carriage is not on the beam, or a setting is
@@ -387,34 +390,34 @@ class _Line:
         """
         link = chain.link_frame(beam.link).link
         place, backwards = chain.end(link), chain.runs_backwards(link)
-        end, turn = place.frame[:3, 3], place.frame[:3, :3]
+        end, rotation = place.frame[:3, 3], place.frame[:3, :3]
         length = float(np.linalg.norm(end))
-        slides = []
+        sliding = []
         for joint in range(max(link - 1, 0), min(link + 1, len(chain.joints))):
             # a carriage travels on the link before the joint if its pads are on the link after it
             travels = ((beam.pads_on == "child") is bool(chain.reversed_joints[joint])) is (joint < link)
-            way = turn @ chain.axes[joint] if joint == link else -chain.axes[joint]
+            axis = rotation @ chain.axes[joint] if joint == link else -chain.axes[joint]
             is_along = (
                 beam.supports
                 or beam.span
                 or beam.start
-                or np.linalg.norm(np.cross(end, way)) <= _ASIDE * length + NO_LENGTH
+                or np.linalg.norm(np.cross(end, axis)) <= _ASIDE * length + NO_LENGTH
             )
             if chain.prismatic[joint] and travels and is_along:
-                slides.append((joint, way))
-        if len(slides) > 1:
+                sliding.append((joint, axis))
+        if len(sliding) > 1:
             raise InputError(f"{beam.label()}: two carriages slide along the link, so neither of its ends is held")
         both = beam.supports == "both"
-        is_link = not (slides or both or beam.span is not None or beam.start)
-        is_far = is_link or (slides[0][0] == link if slides else not backwards)
-        held, carried = (np.zeros(3), end) if is_far else (end, np.zeros(3))
+        is_link = not (sliding or both or beam.span is not None or beam.start)
+        is_far = is_link or (sliding[0][0] == link if sliding else not backwards)
+        support, point = (np.zeros(3), end) if is_far else (end, np.zeros(3))
         x = None
-        for joint, way in slides:
-            x, carried = (way if is_far else -way), carried + way * (0.0 if q is None else float(q[joint]))
+        for joint, axis in sliding:
+            x, point = ((axis if is_far else -axis), point + axis * (0.0 if q is None else float(q[joint])))
             place = Place.start(joint + 1, f"seat of {chain.joint_names[joint]}") if is_far else chain.seat(joint)
         axes = beam_axes(chain, link, beam.roll, x) * (1.0 if is_far else _BACK)
-        origin = held + beam.start * axes[:, 0]
-        reach = float((carried - origin) @ axes[:, 0]) if slides else length - beam.start
+        origin = support + beam.start * axes[:, 0]
+        reach = float((point - origin) @ axes[:, 0]) if sliding else length - beam.start
         span = beam.span or (reach if is_link else np.inf)
         if beam.span is None and reach < 0:
             axes, reach = axes * _BACK, -reach
@@ -423,22 +426,20 @@ class _Line:
         if not is_link and beam.span is None and (beam.segments or beam.self_weight == "section"):
             raise InputError(f"{beam.label()}: segments: and self_weight: section need span:, the length of the beam")
         if q is not None and not is_link and not 0 <= round(reach, 12) <= span:
-            raise InputError(
-                f"{beam.label()}: what it carries is at {reach:.6g} m, beyond its ends at 0 and {span:g} m"
-            )
-        offset = np.zeros(3) if is_link else (carried if slides else end) - origin - reach * axes[:, 0]
+            raise InputError(f"{beam.label()}: the carriage is at {reach:.6g} m, beyond the ends at 0 and {span:g} m")
+        offset = np.zeros(3) if is_link else (point if sliding else end) - origin - reach * axes[:, 0]
         shift = np.eye(6)
         shift[:3, 3:] = -se3.skew(axes.T @ offset)
-        to_place = block_diagonal((np.eye(3) if slides and not is_far else turn.T) @ axes) @ shift
+        to_place = block_diagonal((np.eye(3) if sliding and not is_far else rotation.T) @ axes) @ shift
         return cls(link, origin, axes, reach, span, offset, place, to_place, is_link, is_far, is_far is backwards, both)
 
     def end_in_base(self, posture: Posture) -> Array:
-        """Return the point in the base, ``(3[, P])``, on the arm on which the loads act."""
+        """Return the point in the base, ``(3[, P])``, on the loaded arm."""
         carriers = posture.loaded_link_poses if self.place.is_start else posture.loaded_ends
         return carriers[self.place.link][:3, 3] - se3.turn(posture.loaded_link_poses[self.link][:3, :3], self.offset)
 
     def stretch(self, load: Load) -> tuple[float, float]:
-        """Return the ends (m along the beam) of a weight's stretch, equal if it has no length."""
+        """Return start and end (m along the beam) of the stretch of a weight, equal if it has no length."""
         if self.is_link:
             return load.stretch_along(self.axes[:, 0], self.reach)
         if load.along:
@@ -451,30 +452,30 @@ class _Line:
         return (start, stop) if stop - start > NO_LENGTH * self.reach else (start, start)
 
     def displacement(self, load: _BeamLoad, start: float, stop: float, rows: tuple[int, ...], reach: float) -> Array:
-        """Return the displacement at ``reach`` by bending of one part, with unit stiffness in the given rows."""
+        """Return the displacement at ``reach`` by bending of one part, with unit stiffness in these rows."""
         if not self.both:
             return load.displacement(start, stop, reach, rows)
-        # the second support pushes the cantilever's end, and turns all about the first one until it is at rest there
+        # the second support loads the cantilever's end; then all rotates about the first until the end is on its support
         _, _, _, m_x, m_y, m_z = load.moved_to(0.0).wrench
         share = m_x * (load.start + load.stop) / 2
-        held = _BeamLoad(self.span, self.span, np.array([0, -m_z, m_y, -share, 0, 0]) / self.span, load.factors)
+        reaction = _BeamLoad(self.span, self.span, np.array([0, -m_z, m_y, -share, 0, 0]) / self.span, load.factors)
 
-        def at(place: float) -> Array:
-            return sum((one.displacement(start, stop, place, rows) for one in (load, held)), np.zeros(6))
+        def evaluate(place: float) -> Array:
+            return sum((part.displacement(start, stop, place, rows) for part in (load, reaction)), np.zeros(6))
 
-        here, there = at(reach), at(self.span)
-        return here - _lever(reach) @ np.array([0, 0, 0, 0, -there[2], there[1]]) / self.span
+        bend, end_bend = evaluate(reach), evaluate(self.span)
+        return bend - _lever(reach) @ np.array([0, 0, 0, 0, -end_bend[2], end_bend[1]]) / self.span
 
     def check_load_along(self, loads: Iterable[_BeamLoad], flexibility: Value, space: LabelledSpace) -> None:
-        """Raise InputError if the load along the beam is too near its buckling load for bending of first order."""
-        factors, one = ((flexibility,), 1.0) if isinstance(flexibility, Expression) else ((), flexibility)
-        along = ({(*load.factors, *factors): one * float(load.wrench[0])} for load in loads)
+        """Raise InputError if the load along the beam is too near the buckling load for first-order bending."""
+        factors, unit = ((flexibility,), 1.0) if isinstance(flexibility, Expression) else ((), flexibility)
+        along = ({(*load.factors, *factors): unit * float(load.wrench[0])} for load in loads)
         share = abs(sum(float(at_means(force, space.space)) for force in along))
         share *= ((self.span if self.both else 2 * self.reach) / np.pi) ** 2
         if share > _FIRST_ORDER:
             raise InputError(
                 f"{space.label}: the load along it is {share:.2g} of its buckling load; statics: equilibrium allows "
-                f"{_FIRST_ORDER:g} where a carriage travels or both ends are held"
+                f"{_FIRST_ORDER:g} for beams with a carriage or two supports"
             )
 
 
@@ -546,14 +547,14 @@ def beam_axes(chain: Chain, link: int, roll: float = 0.0, x: Array | None = None
                 "side of the joint, or the one that carries the rail of a sliding joint (pads_on: child) or slides (parent)"
             )
         x = far_end[:3, 3] / length
-    ends = []
+    end_axes = []
     if link > 0:
-        ends.append(chain.written_axes[link - 1])
+        end_axes.append(chain.written_axes[link - 1])
     if link < len(chain.joints):
-        ends.append(far_end[:3, :3] @ chain.written_axes[link])
-    # if the file begins the link at the far end, the joint and axes of that end count, and x points back
-    own_axes, x = (far_end[:3, :3], -x) if backwards else (np.eye(3), x)
-    candidates = [*(reversed(ends) if backwards else ends), own_axes[:, 1], own_axes[:, 2]]
+        end_axes.append(far_end[:3, :3] @ chain.written_axes[link])
+    # if the file starts the link at the far end, the joint and axes of that end apply, and x points back
+    link_axes, x = (far_end[:3, :3], -x) if backwards else (np.eye(3), x)
+    candidates = [*(reversed(end_axes) if backwards else end_axes), link_axes[:, 1], link_axes[:, 2]]
     z = next(normal for normal in (axis - x * (x @ axis) for axis in candidates) if np.linalg.norm(normal) > _PARALLEL)
     z = z / np.linalg.norm(z)
     axes: Array = np.array([x, np.cross(z, x), z]).T @ rotation_about((1, 0, 0), roll)

@@ -12,7 +12,7 @@ from precision_pin.sources.places import PadsOn, height_above_seat, seat_of, sea
 from precision_pin.terms import Chain, InputError, LabelledSpace, Posture, Setting, Source, Term, Value, units
 
 _ROWS: Final = {"radial": (0, 1), "axial": (2,), "tilt": (3, 4), "roll": (5,)}
-"""Components of wrench and displacement that each stiffness connects."""
+"""Components of wrench and displacement related by each stiffness."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +28,7 @@ class BearingStiffness(Source):
 
     Attributes:
         joint: The joint.
-        radial: k_r, normal to the axis; rigid if left out, as is each of the others.
+        radial: k_r, normal to the axis (default of all stiffnesses: rigid).
         axial: k_a, along the axis; not for a prismatic joint.
         tilt: k_t, about every axis normal to the joint's: the moment stiffness of a data sheet.
         roll: For a prismatic joint: about its axis, ``δ_z = M_z/k``.
@@ -77,9 +77,9 @@ class BearingStiffness(Source):
         is_prismatic = bool(chain.prismatic[joint])
         free = "axial" if is_prismatic else "roll"
         if getattr(self, free) is not None:
-            way = "slides along" if is_prismatic else "turns about"
+            motion = "slides along" if is_prismatic else "turns about"
             raise InputError(
-                f"{free}: of {self.label()}: the joint {way} its axis; joint_compliance gives the flexibility of its drive"
+                f"{free}: of {self.label()}: the joint {motion} its axis; joint_compliance gives the flexibility of its drive"
             )
         place, to_place = seat_of(chain, joint)
         to_centre = wrench_at(height_above_seat(posture, joint, self.centre, self.pads_on))
@@ -89,8 +89,8 @@ class BearingStiffness(Source):
             if setting is None:
                 continue
             flexibility: Value = 1.0 / space.positive(name, setting)
-            carried = np.zeros((6, 6))
-            carried[rows, rows] = 1.0
+            selection = np.zeros((6, 6))
+            selection[rows, rows] = 1.0
             for factors, wrench in wrenches.items():
-                displacement = to_centre.T @ carried @ to_centre @ wrench
+                displacement = to_centre.T @ selection @ to_centre @ wrench
                 yield Term.of(place, to_place @ displacement, *factors, flexibility, loaded=True)

@@ -18,7 +18,7 @@ from precision_pin.terms import Array, Chain, Dependence, Factors, InputError, P
 from precision_pin.terms.term import bounds_of, is_same_for_all, load_value, side_of
 
 _NOTHING: Final = 1e-12
-"""Fraction of the band added to a load, squared, so that a zero load has a direction too."""
+"""Fraction of the band added to a load, squared, so that a zero load has a direction; changes no other load's digits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,40 +143,40 @@ class Clearance(Source):
             )
         place, to_place = seat_of(chain, joint)
         load = np.zeros(6) + at_means(seat_wrench(posture, joint), space.space)
-        own = seat_wrench(posture.deciding or posture, joint) if posture.direction_of(joint) else {}
-        near = height_above_seat(posture, joint, self.start, self.pads_on)
-        far = near + self.span
+        robot_wrenches = seat_wrench(posture.deciding or posture, joint) if posture.direction_of(joint) else {}
+        height_a = height_above_seat(posture, joint, self.start, self.pads_on)
+        height_b = height_a + self.span
         size_a, *others = [
             space.positive(entry_name("diametral", k), size, zero=True) for k, size in enumerate(self.diametral)
         ]
         size_b = others[0] if others else size_a
-        for name, height, other, size in (("A", near, far, size_a), ("B", far, near, size_b)):
+        for name, height, other, size in (("A", height_a, height_b, size_a), ("B", height_b, height_a, size_b)):
             shift = shift_of_point(height, other)
             force = shift.T @ load
-            by_robot = self._radial_directions(
-                {factors: shift.T @ wrench for factors, wrench in own.items()}, space.space
+            robot_directions = self._radial_directions(
+                {factors: shift.T @ wrench for factors, wrench in robot_wrenches.items()}, space.space
             )
-            random = [space.component(f"{name}.{axis}") for axis in "xy"]
-            if by_robot is not None:
-                *held, loose = by_robot
-                for column, share, anywhere in zip(shift.T, held, random, strict=True):
+            components = [space.component(f"{name}.{axis}") for axis in "xy"]
+            if robot_directions is not None:
+                *directions, free = robot_directions
+                for column, share, component in zip(shift.T, directions, components, strict=True):
                     yield Term.of(place, to_place @ column, *_half_factors(size), share)
-                    if loose != 0.0:
-                        yield Term.of(place, to_place @ column, *_half_factors(size), loose, anywhere)
+                    if free != 0.0:
+                        yield Term.of(place, to_place @ column, *_half_factors(size), free, component)
             elif self._is_decided(force):
                 yield Term.of(place, to_place @ shift @ force / np.linalg.norm(force), *_half_factors(size))
             else:
-                for column, anywhere in zip(shift.T, random, strict=True):
-                    yield Term.of(place, to_place @ column, *_half_factors(size), anywhere)
+                for column, component in zip(shift.T, components, strict=True):
+                    yield Term.of(place, to_place @ column, *_half_factors(size), component)
         if self.axial != 0.0:
             along = to_place[:, 2]
             size = space.positive("axial", self.axial, zero=True)
-            sides = self._axial_sides({factors: wrench[2] for factors, wrench in own.items()}, space.space)
+            sides = self._axial_sides({factors: wrench[2] for factors, wrench in robot_wrenches.items()}, space.space)
             if sides is not None:
-                side, loose = sides
+                side, free = sides
                 yield Term.of(place, along, *_half_factors(size), side)
-                if loose != 0.0:
-                    yield Term.of(place, along, *_half_factors(size), loose, space.component("side"))
+                if free != 0.0:
+                    yield Term.of(place, along, *_half_factors(size), free, space.component("side"))
             elif self._is_decided(load[2:3]):
                 yield Term.of(place, along * np.sign(load[2]), *_half_factors(size))
             else:
@@ -186,13 +186,13 @@ class Clearance(Source):
         return self.band is not None and float(np.linalg.norm(force)) >= self.band
 
     def _radial_directions(self, forces: Mapping[Factors, Array], space: Space) -> tuple[Value, Value, Value] | None:
-        """Return the load direction ``(x, y)`` on a journal, and 1 in robots whose load is below the band, else 0."""
-        # the direction is zero below the band; `None` if no robot's load decides, or all robots have the same load
+        """Return the load direction ``(x, y)`` on a journal, and 1 in robots with a load below the band, else 0."""
+        # the direction is zero below the band; `None` if no robot's load decides, or all robots have equal loads
         x, y = ({factors: float(force[k]) for factors, force in forces.items()} for k in range(2))
         if self.band is None or (is_same_for_all(x) and is_same_for_all(y)):
             return None
         bounds = [bounds_of(force, space) for force in (x, y)]
-        lowest, highest = (math.hypot(*map(of, bounds)) for of in (_nearest, _farthest))
+        lowest, highest = (math.hypot(*map(distance, bounds)) for distance in (_nearest, _farthest))
         if highest < self.band:
             return None
         along_x, along_y = load_value(x), load_value(y)
@@ -200,12 +200,12 @@ class Clearance(Source):
         length = sqrt(Constant((_NOTHING * self.band) ** 2) + along_x * along_x + along_y * along_y)
         if self.band <= lowest:
             return along_x / length, along_y / length, 0.0
-        held = (sign(length - self.band) + 1.0) * 0.5
-        return along_x / length * held, along_y / length * held, 1.0 - held
+        contact = (sign(length - self.band) + 1.0) * 0.5
+        return along_x / length * contact, along_y / length * contact, 1.0 - contact
 
     def _axial_sides(self, force: Mapping[Factors, float], space: Space) -> tuple[Value, Value] | None:
         """Return the side of the axial load (1, -1, or 0 below the band), and 1 in robots below the band, else 0."""
-        # `None` if all robots have the same load
+        # `None` if all robots have equal loads
         if self.band is None or is_same_for_all(force):
             return None
         above, below = (side_of({**force, (): force.get((), 0.0) + shift}, space) for shift in (-self.band, self.band))

@@ -13,6 +13,7 @@ from precision_pin.sources.places import AtPlace
 from precision_pin.terms import Draw, InputError, LabelledSpace, Posture, Scope, Term, units
 
 _SIX: Final = units.PerEntry((units.LENGTH,) * 3 + (units.ANGLE,) * 3)
+"""Quantities of x, y, z, rx, ry, rz."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,11 +30,11 @@ class Covariance(AtPlace):
             link belongs to (the next joint's origin frame, or the tip), or the frame of a URDF link on the path to the
             tip.
         std: Standard deviations of x, y, z, rx, ry, rz.
-        correlation: Correlation of the six, with ``std``: rows of plain numbers, symmetric, with 1 on the diagonal;
-            none if left out.
-        matrix: In place of ``std`` and ``correlation``: the covariance itself, rows of plain numbers in m², m·rad and
+        correlation: Correlation of the six, with ``std``: rows of plain numbers, symmetric, with 1 on the diagonal
+            (default: none).
+        matrix: Instead of ``std`` and ``correlation``: the covariance itself, rows of plain numbers in m², m·rad and
             rad².
-        mean: Mean of the six; zero if left out.
+        mean: Mean of the six (default: zero).
         scope: How often the errors are drawn: ``unit``, ``pose`` or ``visit``.
 
     Raises:

@@ -13,6 +13,7 @@ from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, ph
 from precision_pin.terms import Dependence, Finding, InputError, JointValue, LabelledSpace, Posture, Source, Term, units
 
 _AT_JOINT: Final = units.PerJoint(units.ANGLE, units.LENGTH)
+"""Quantity of a joint value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,7 @@ class Encoder(Source):
             too large by o is the offset -o.
         amplitude: Amplitude of the periodic error at the encoder's shaft, half of peak to peak. The phase covers both
             signs, so a law for the amplitude has its mean above zero.
-        eccentricity, radius: In place of amplitude: distance of the disc's centre from the shaft's axis, and mean
+        eccentricity, radius: Instead of amplitude: distance of the disc's centre from the shaft's axis, and mean
             radius of its graduation.
         order: Periods of the periodic error in a turn of the encoder's shaft, or in ``period``.
         heads: Reading heads, 1 or 2 opposite each other.
@@ -151,14 +152,14 @@ class Encoder(Source):
                 assert self.eccentricity is not None
                 assert self.radius is not None
                 amplitude = space.value("eccentricity", self.eccentricity) / self.radius
-            turn = 2 * math.pi * value / self.period if self.period is not None else self.ratio * value
-            yield from periodic_terms(joint, self.order * turn, amplitude / self.ratio, space, "phase")
+            angle = 2 * math.pi * value / self.period if self.period is not None else self.ratio * value
+            yield from periodic_terms(joint, self.order * angle, amplitude / self.ratio, space, "phase")
 
     @property
     def _is_periodic(self) -> bool:
         """True if a periodic error remains after the heads."""
-        given = self.amplitude is not None or self.eccentricity is not None
-        return given and (self.heads == 1 or self.order % 2 == 0)
+        has_amplitude = self.amplitude is not None or self.eccentricity is not None
+        return has_amplitude and (self.heads == 1 or self.order % 2 == 0)
 
     def _check_kind(self, is_prismatic: bool) -> None:
         """Raise InputError if a setting is for the other kind of joint, or a linear encoder's period is missing."""

@@ -66,16 +66,16 @@ class Length(Source):
         link = self._link(chain)
         place = chain.end(link)
         if self.along == "link":
-            way = place.frame[:3, 3]
-            reach = float(np.linalg.norm(way))
-            if reach == 0:
+            vector = place.frame[:3, 3]
+            length = float(np.linalg.norm(vector))
+            if length == 0:
                 raise InputError(f"{self.label()}: the link has no length; give a direction with along:")
-            direction = se3.turn(posture.link_poses[link][:3, :3], way) / reach
+            direction = se3.turn(posture.link_poses[link][:3, :3], vector) / length
         else:
             direction = direction_of(self.along, posture)
-        back = posture.place_pose(place)[:3, :3].swapaxes(0, 1)
+        to_place = posture.place_pose(place)[:3, :3].swapaxes(0, 1)
         twist = np.zeros((6, *posture.q.shape[1:]))
-        twist[:3] = se3.turn(back, direction)
+        twist[:3] = se3.turn(to_place, direction)
         for value in space.values("parameters", self.parameters):
             yield Term.of(place, twist, value)
 

@@ -59,15 +59,15 @@ class Mcpc(Source):
         """Yield a term for each parameter whose error is not zero."""
         chain = posture.chain
         link = chain.link_frame(self.link).link
-        last = link == len(chain.joints)
-        if not last and (self.gamma != 0.0 or self.z != 0.0):
+        is_last = link == len(chain.joints)
+        if not is_last and (self.gamma != 0.0 or self.z != 0.0):
             raise InputError(f"{self.label()}: gamma and z are parameters of the last link only")
         nominal = _nominal(chain)
         start = nominal.frame_in_link[link]
         after_alpha = start @ se3.pose(se3.rotation_about((1, 0, 0), nominal.alpha[link]), np.zeros(3))
         after_beta = after_alpha @ se3.pose(se3.rotation_about((0, 1, 0), nominal.beta[link]), np.zeros(3))
-        turn = nominal.gamma if last else 0.0
-        after_gamma = after_beta @ se3.pose(se3.rotation_about((0, 0, 1), turn), np.zeros(3))
+        gamma = nominal.gamma if is_last else 0.0
+        after_gamma = after_beta @ se3.pose(se3.rotation_about((0, 0, 1), gamma), np.zeros(3))
         for rank, (field, row, frame) in enumerate(
             (("alpha", 3, start), ("beta", 4, after_alpha), ("gamma", 5, after_beta))
         ):

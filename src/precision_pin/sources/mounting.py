@@ -25,7 +25,7 @@ class Mounting(Source):
     Attributes:
         at: ``base`` (base to world) or ``tool`` (flange to tool).
         flange: Only with ``at: tool``: the URDF link that the tool is bolted to, on the path to the tip and beyond the
-            last joint; the tool turns about its frame. If left out, about the tip's own frame.
+            last joint; the tool rotates about its frame (default: about the frame of the tip).
         x, y, z: Shift.
         rx, ry, rz: Rotation vector.
 

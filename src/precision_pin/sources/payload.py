@@ -53,12 +53,12 @@ class Payload(Source):
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
         """Yield the weight."""
-        where = posture.chain.link_frame(self.at)
+        carrier = posture.chain.link_frame(self.at)
         mass = space.positive("mass", self.mass, zero=True)
         centre = space.values("com", self.com)
         moments = [_moment(0, mass), *(_moment(k + 1, mass, value) for k, value in enumerate(centre))]
-        entry = where.entry([_at_means(value, space) for value in centre])
-        yield Load(where.link, where.frame, entry, along=False, moments=tuple(moments))
+        entry = carrier.entry([_at_means(value, space) for value in centre])
+        yield Load(carrier.link, carrier.frame, entry, along=False, moments=tuple(moments))
 
 
 def _moment(row: int, *values: Value) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], Factors]:

@@ -1,4 +1,4 @@
-"""Periodic errors of a joint's value, with a random phase that is the same at every pose of a built robot."""
+"""Periodic errors of a joint's value, with a random phase, equal at all poses of a built robot."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from precision_pin.draws.laws import Circle
 from precision_pin.terms import Array, Draw, Finding, JointValue, LabelledSpace, Scope, Term, units
 
 _ROUNDING: Final = 1e-9
+"""Ratio of the mean of an amplitude to its standard deviation below which the mean is rounding of an intended zero."""
 
 
 def phase_draw(name: str) -> Draw:
@@ -28,7 +29,7 @@ def periodic_terms(
         joint: Index of the joint, 0-based.
         angle: Angle of the error within its period at this pose, rad; ``(P,)`` for a posture of P configurations.
         amplitude: rad or m.
-        space, phase: Space of the source, and the name of its own draw of φ.
+        space, phase: Space of the source, and the name of its draw of φ.
     """
     yield Term.of(JointValue(joint), np.sin(angle), amplitude, space.component(f"{phase}.x"))
     yield Term.of(JointValue(joint), np.cos(angle), amplitude, space.component(f"{phase}.y"))

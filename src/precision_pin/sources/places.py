@@ -1,8 +1,8 @@
-"""Places and directions written in a sheet, and geometry and statics at a joint's seat, where its bearings are.
+"""Places and directions in a sheet, and geometry and statics at the seat of a joint, the place of its bearings.
 
-A joint's seat is its URDF origin frame before its motion, on its parent link in the file, even if the base is beyond the
-joint. Vectors there are in the *seat's axes*, turned so that z is the joint's axis in the file, and are those of the
-child link against the parent link; so nothing there depends on the choice of the base.
+The seat of a joint is its URDF origin frame before its motion, on its parent link in the file, even if the base is
+beyond the joint. Vectors at the seat are in the *seat's axes*, rotated such that z is the joint's axis in the file, and
+describe the child link relative to the parent link; so they do not depend on the choice of the base.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ PadsOn = Literal["child", "parent"]
 """The link to which the pads of a prismatic joint are fixed."""
 
 _APART: Final = 1e-12
-"""Relative difference below which two heights count as equal."""
+"""Relative difference below which two heights count as equal, to rounding: their difference is a divisor."""
 
 
 def seat_of(chain: Chain, joint: int) -> tuple[Place, Array]:
     """Return the place of a 0-based joint's seat, and the matrix ``(6, 6)`` to its axes.
 
-    It takes the child link's ``[d; δ]`` against the parent link, in the seat's axes, to the place's displacement.
+    It maps ``[d; δ]`` of the child link relative to the parent link, in the seat's axes, to the place's displacement.
     """
     axes = block_diagonal(chain.axis_alignment(joint))
     if chain.reversed_joints[joint]:
-        # the parent link lies beyond the joint, so it is what is displaced
+        # the parent link is beyond the joint, hence displaced
         return Place.start(joint + 1, f"seat of {chain.joint_names[joint]}"), -axes
     return chain.seat(joint), axes
 
@@ -42,23 +42,23 @@ def seat_of(chain: Chain, joint: int) -> tuple[Place, Array]:
 def seat_wrench(posture: Posture, joint: int) -> dict[Factors, Array]:
     """Return the wrench ``[F; M]`` (N, N·m) on the child link of a 0-based joint by all loads, by its factors.
 
-    In the seat's axes and about its origin, on the arm on which the loads act. If the base is beyond the joint, it is the
-    reaction to the loads beyond.
+    In the seat's axes and about its origin, on the loaded arm. If the base is beyond the joint, it is the reaction to the
+    loads beyond.
     """
     beyond = [load for load in posture.loads if load.link > joint]
     backwards = posture.chain.reversed_joints[joint]
     seat = posture.loaded_link_poses[joint + 1] if backwards else posture.loaded_ends[joint]
     wrenches = posture.wrench_on(beyond, seat[:3, 3])
-    aligned = posture.chain.axis_alignment(joint) * (-1.0 if backwards else 1.0)
-    return {factors: in_axes(seat[:3, :3], aligned, wrench) for factors, wrench in wrenches.items()}
+    alignment = posture.chain.axis_alignment(joint) * (-1.0 if backwards else 1.0)
+    return {factors: in_axes(seat[:3, :3], alignment, wrench) for factors, wrench in wrenches.items()}
 
 
 def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
-    """Return a wrench ``(6[, P])``, base axes, in axes ``(3, 3)`` of a frame turned by ``(3, 3[, P])``."""
+    """Return a wrench ``(6[, P])``, base axes, in axes ``(3, 3)`` of a frame rotated by ``(3, 3[, P])``."""
     if rotation.ndim == 2:
         return block_diagonal((rotation @ axes).T) @ wrench
-    back = np.einsum("ijp,jk->kip", rotation, axes)
-    return np.concatenate([se3.turn(back, wrench[:3]), se3.turn(back, wrench[3:])])
+    rotations = np.einsum("ijp,jk->kip", rotation, axes)
+    return np.concatenate([se3.turn(rotations, wrench[:3]), se3.turn(rotations, wrench[3:])])
 
 
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:
@@ -77,9 +77,9 @@ def travels(chain: Chain, joint: int, pads_on: PadsOn) -> bool:
 def shift_of_point(height: float, other: float) -> Array:
     """Return the seat's displacement ``[d; δ]`` per shift ``(x, y)`` of the axis at a height, ``(6, 2)``.
 
-    The axis stays at the ``other`` height: one of the two points of eqs 18 and 19. By virtual work the transpose gives
-    the radial force on a bearing there, one of two, from a wrench on the seat. Raises InputError if the heights are equal
-    to rounding.
+    The axis is fixed at the ``other`` height: the other point of eqs 18 and 19. By virtual work the transpose gives the
+    radial force on a bearing at ``height``, of two bearings, from a wrench on the seat. Raises InputError if the heights
+    are equal to rounding.
     """
     if math.isclose(height, other, rel_tol=_APART, abs_tol=0.0):
         raise InputError(f"the span is too small: both bearings are at {height:g} m along the axis")
@@ -90,21 +90,22 @@ def shift_of_point(height: float, other: float) -> Array:
 def wrench_at(height: float) -> Array:
     """Return the matrix ``(6, 6)`` from a wrench about the seat's origin to one about the axis point at a height.
 
-    By virtual work the transpose gives the seat's displacement from that of a body clamped to it there.
+    By virtual work the transpose gives the seat's displacement from the displacement of a body clamped at this point.
     """
     shifted = np.eye(6)
     shifted[3, 1], shifted[4, 0] = height, -height
     return shifted
 
 
-def block_diagonal(turn: Array) -> Array:
-    """Return the matrix ``(6, 6)`` that turns both halves of a vector by ``(3, 3)``."""
+def block_diagonal(rotation: Array) -> Array:
+    """Return the matrix ``(6, 6)`` that rotates both halves of a vector by ``(3, 3)``."""
     result = np.zeros((6, 6))
-    result[:3, :3] = result[3:, 3:] = turn
+    result[:3, :3] = result[3:, 3:] = rotation
     return result
 
 
 _SIX: Final = dict(enumerate(("x", "y", "z", "rx", "ry", "rz")))
+"""Settings of a displacement, by the row of ``[d; δ]``."""
 
 
 def deviation_terms(
@@ -119,10 +120,10 @@ def deviation_terms(
 
 @dataclass(frozen=True, kw_only=True)
 class AtPlace(Source):
-    """Base class of a source at any place: a joint's seat, the end of a chain link, or a URDF link's own frame.
+    """Base class of a source at any place: a joint's seat, the end of a chain link, or the frame of a URDF link.
 
     Raises:
-        InputError: Not exactly one of the three is given.
+        InputError: Not exactly one of joint, link and frame.
     """
 
     depends_on: ClassVar[Dependence] = "chain"
@@ -152,8 +153,9 @@ class AtPlace(Source):
 
 _DIRECTION: Final = re.compile(r"(-?)\s*(x|y|z|axis)\s+of\s+(.+)", re.DOTALL)
 _AXES: Final = {"x": 0, "y": 1, "z": 2}
+"""Text of a direction (sign, letter, name of a joint or the base), and column of a letter."""
 _PARALLEL: Final = 1e-9
-"""Sine of the angle below which a direction counts as parallel to an axis."""
+"""Sine of the angle below which a direction counts as parallel to an axis: above the rounding of angles of a URDF."""
 
 
 def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
@@ -164,7 +166,7 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     of the base.
 
     Raises:
-        InputError: Written in another form.
+        InputError: The text has another form.
         UnknownNameError: No such joint on the chain.
     """
     sign, letter, joint = _parse(text, posture.chain)
@@ -176,15 +178,15 @@ def direction_of(text: str, posture: Posture) -> NDArray[np.float64]:
     if letter == "axis":
         direction = -posture.joint_axes[joint] if is_reversed else posture.joint_axes[joint]
     else:
-        # the chain may pass a joint against the file: the file's child link is then before it
+        # the chain may pass a joint from child to parent: the child link is then before it
         before = se3.compose(posture.link_poses[joint], chain.placements[joint])
-        turned = before if is_reversed else posture.joint_poses[joint]
-        direction = turned[:3, _AXES[letter]]
+        frame = before if is_reversed else posture.joint_poses[joint]
+        direction = frame[:3, _AXES[letter]]
     return np.asarray(-direction if sign < 0 else direction, dtype=float)
 
 
 def is_fixed(text: str, chain: Chain, link: int) -> bool:
-    """Return whether a direction, written as for :func:`direction_of`, is fixed in a chain link at all joint values."""
+    """Return whether a direction, as for :func:`direction_of`, is fixed in a chain link at all joint values."""
     _, letter, joint = _parse(text, chain)
     if joint is None:
         carrier, direction = 0, np.eye(3)[_AXES[letter]]
@@ -196,14 +198,14 @@ def is_fixed(text: str, chain: Chain, link: int) -> bool:
         carrier, direction = joint + 1, np.eye(3)[_AXES[letter]]
     while carrier != link:
         # forward through the joint after the carrier, or back through the one before it
-        forward = carrier < link
-        passed = carrier if forward else carrier - 1
-        turn = chain.placements[passed][:3, :3]
-        direction = turn.T @ direction if forward else direction
-        if not chain.prismatic[passed] and np.linalg.norm(np.cross(chain.axes[passed], direction)) > _PARALLEL:
+        is_forward = carrier < link
+        crossed = carrier if is_forward else carrier - 1
+        rotation = chain.placements[crossed][:3, :3]
+        direction = rotation.T @ direction if is_forward else direction
+        if not chain.prismatic[crossed] and np.linalg.norm(np.cross(chain.axes[crossed], direction)) > _PARALLEL:
             return False
-        direction = direction if forward else turn @ direction
-        carrier += 1 if forward else -1
+        direction = direction if is_forward else rotation @ direction
+        carrier += 1 if is_forward else -1
     return True
 
 

@@ -1,4 +1,4 @@
-"""Beam sections in a sheet, given by rigidities, or by shape, dimensions and material."""
+"""Beam sections in a sheet: by rigidities, or by shape, dimensions and material."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MATERIALS: Final[Mapping[str, Material]] = {
     "aluminium": Material(70e9, 27e9, 2700.0, "EN 1999-1-1, 3.2.5"),
     "titanium": Material(113.8e9, 44e9, 4430.0, "Ti-6Al-4V, annealed: ASM, Materials Properties Handbook"),
 }
-"""Named materials."""
+"""Named materials, from standards: nominal values of structural design."""
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,14 @@ class Section:
 def tube(outer_diameter: Value, wall: Value) -> Section:
     """Return a round tube: ``A = π (D² - d²)/4``, ``I = π (D⁴ - d⁴)/64``, ``J = 2 I`` with ``d = D - 2 t``."""
     inner = outer_diameter - 2.0 * wall
-    second = (outer_diameter**4 - inner**4) * (math.pi / 64)
-    return Section((outer_diameter**2 - inner**2) * (math.pi / 4), second, second, 2.0 * second)
+    second_moment = (outer_diameter**4 - inner**4) * (math.pi / 64)
+    return Section((outer_diameter**2 - inner**2) * (math.pi / 4), second_moment, second_moment, 2.0 * second_moment)
 
 
 def rod(diameter: Value) -> Section:
     """Return a solid round: ``A = π D²/4``, ``I = π D⁴/64``, ``J = 2 I``."""
-    second = diameter**4 * (math.pi / 64)
-    return Section(diameter**2 * (math.pi / 4), second, second, 2.0 * second)
+    second_moment = diameter**4 * (math.pi / 64)
+    return Section(diameter**2 * (math.pi / 4), second_moment, second_moment, 2.0 * second_moment)
 
 
 def box(width: Value, height: Value, wall: Value) -> Section:
@@ -90,19 +90,22 @@ SHAPES: Final[Mapping[str, tuple[str, ...]]] = {
     "general": ("area", "I_y", "I_z", "J"),
 }
 """Dimensions of every section."""
+# the function that computes the properties of each shape
 _MAKERS: Final[dict[str, Callable[..., Section]]] = {"tube": tube, "rod": rod, "box": box, "general": Section}
 DIMENSIONS: Final = tuple(dict.fromkeys(name for names in SHAPES.values() for name in names))
 MATERIAL: Final = ("material", "E", "G", "poisson_ratio", "density")
 RIGIDITIES: Final = ("EI", "EI_y", "EI_z", "GI", "EA")
+"""Settings of a section by group, for checks: dimensions and material exclude rigidities."""
 SEGMENT_STIFFNESSES: Final = "section:, EI:, EI_y: with EI_z:, GI:, EA:"
 STIFFNESSES: Final = f"{SEGMENT_STIFFNESSES}, bending_stiffness:, torsion_stiffness:, axial_stiffness:, segments:"
+"""Settings that give a segment, or a beam, its stiffness, for messages."""
 LENGTHS_AGREE: Final = 1e-6
-"""Largest difference, relative to the link's length, between that length and the sum of the segments."""
+"""Largest difference between a link's length and the sum of its segments, relative to the length: rounding of drawings."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams and segments share
-    """Section of a beam, from its material and dimensions or as rigidities. Every number may be random.
+    """Section of a beam, by material and dimensions or by rigidities. Every value may be random.
 
     See ``beam`` for the settings.
     """
@@ -129,7 +132,7 @@ class Profile(ABC):  # noqa: B024 - nothing to override: the settings that beams
     EA: Annotated[Setting | None, units.AXIAL_RIGIDITY] = None
 
     def given(self, *names: str) -> tuple[str, ...]:
-        """Return those names whose settings are given."""
+        """Return the names of settings that have a value."""
         return tuple(name for name in names if getattr(self, name) is not None)
 
 
@@ -138,8 +141,8 @@ class Segment(Profile):
     """Part of a beam with its own section.
 
     Attributes:
-        length, fraction: Its length, absolute or relative to the link. One segment may have neither: it takes the rest
-            of the link.
+        length, fraction: Its length, absolute or relative to the link. One segment may have neither: it extends over the
+            remaining length.
     """
 
     length: Annotated[float | None, units.LENGTH] = None
@@ -159,7 +162,7 @@ class Stretch:
 
     Attributes:
         profile: Its settings, including those from the beam.
-        prefix: Prefix of the names of its own settings.
+        prefix: Prefix of the names of its settings.
         shared: Settings that come from the beam.
     """
 
@@ -168,14 +171,14 @@ class Stretch:
     shared: tuple[str, ...] = ()
 
     def check(self, *, may_be_rigid: bool = False, weighs: bool = False) -> None:
-        """Check that no setting is missing and none contradicts another.
+        """Check that the settings are complete and consistent.
 
         Args:
-            may_be_rigid: True if it needs no stiffness of its own.
+            may_be_rigid: True if it may have no stiffness.
             weighs: True if the section gives the weight.
 
         Raises:
-            InputError: Names the wrong settings.
+            InputError: Names the invalid settings.
         """
         profile, where = self.profile, self.prefix.rstrip(".") or "beam"
         for name in profile.given("E", "G", "density", *DIMENSIONS, *RIGIDITIES):
@@ -204,10 +207,10 @@ class Stretch:
             return {name: read(name) for name in self.profile.given(*RIGIDITIES)}
         shape = self._shape(space, read)
         modulus, shear = self._moduli(read)
-        rest = {"GI": shear * shape.J, "EA": modulus * shape.area}
+        others = {"GI": shear * shape.J, "EA": modulus * shape.area}
         if shape.I_y == shape.I_z:
-            return {"EI": modulus * shape.I_y} | rest
-        return {"EI_y": modulus * shape.I_y, "EI_z": modulus * shape.I_z} | rest
+            return {"EI": modulus * shape.I_y} | others
+        return {"EI_y": modulus * shape.I_y, "EI_z": modulus * shape.I_z} | others
 
     def mass_per_length(self, space: LabelledSpace) -> Value:
         """Return density × area, kg/m."""
@@ -282,8 +285,8 @@ class Stretch:
 def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ...]:
     """Return the parts of a beam: the beam itself, or its segments with the settings they take from it.
 
-    A segment without a material (or any of its constants) takes the beam's; one without section and rigidities takes
-    the beam's section. Raises InputError if the beam has dimensions or rigidities beside its segments.
+    A segment without a material (or any of its constants) takes the beam's; a segment without section and rigidities
+    takes the beam's section. Raises InputError if the beam has dimensions or rigidities in addition to segments.
     """
     if not segments:
         return (Stretch(beam),)
@@ -303,17 +306,17 @@ def stretches(beam: Profile, segments: tuple[Segment, ...]) -> tuple[Stretch, ..
 
 
 def ends(segments: tuple[Segment, ...], length: float) -> tuple[float, ...]:
-    """Return each part's end from the start of a beam of this length, m; raise InputError if the sum differs."""
+    """Return the end of each part from the start of a beam of this length, m; raise InputError if the sum differs."""
     if not segments:
         return (length,)
     parts = [segment.length or (segment.fraction or 0.0) * length for segment in segments]
-    rest = [k for k, part in enumerate(parts) if part == 0.0]
+    open_parts = [k for k, part in enumerate(parts) if part == 0.0]
     missing = length - math.fsum(parts)
-    if len(rest) > 1:
+    if len(open_parts) > 1:
         raise InputError("only one of a beam's segments may have neither length: nor fraction:")
-    if rest and missing > LENGTHS_AGREE * length:
-        parts[rest[0]] = missing
-    elif rest or abs(missing) > LENGTHS_AGREE * length:
-        left = ", which leaves nothing for the one without length:" if rest else ""
-        raise InputError(f"the beam's segments are {math.fsum(parts):.6g} m long in all, its link {length:.6g} m{left}")
+    if open_parts and missing > LENGTHS_AGREE * length:
+        parts[open_parts[0]] = missing
+    elif open_parts or abs(missing) > LENGTHS_AGREE * length:
+        hint = ", which leaves nothing for the one without length:" if open_parts else ""
+        raise InputError(f"the beam's segments are {math.fsum(parts):.6g} m long in all, its link {length:.6g} m{hint}")
     return (*np.cumsum(parts)[:-1].tolist(), length)

@@ -17,6 +17,7 @@ from precision_pin.sources.places import AtPlace
 from precision_pin.terms import Draw, LabelledSpace, Posture, Scope, Term
 
 _COLUMNS: Final = dict.fromkeys(("x", "y", "z"), units.LENGTH) | dict.fromkeys(("rx", "ry", "rz"), units.ANGLE)
+"""Quantities of the columns of a displacement ``[d; δ]``, in its order."""
 
 
 @dataclass(frozen=True, kw_only=True)

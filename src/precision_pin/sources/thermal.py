@@ -26,8 +26,7 @@ class Thermal(Source):
     joint does not grow, since its encoder sets it.
 
     Attributes:
-        link: A URDF link of the chain link that is warmer; if left out, all links of the arm with the same random
-            numbers.
+        link: A URDF link of the chain link that is warmer (default: all links of the arm, with common draws).
         expansion: Coefficient of linear expansion α.
         temperature_change: ΔT, the link's mean temperature minus that at which it was measured (20 °C by ISO 1).
         gradient: g, change of temperature per distance across the link.
@@ -72,7 +71,7 @@ class Thermal(Source):
 
     @property
     def subject(self) -> str:
-        """The link, or arm for all of them."""
+        """The link, or ``arm`` for all links."""
         return self.link or "arm"
 
     @property
@@ -88,9 +87,9 @@ class Thermal(Source):
         """Return the source with the part of its change and gradient present ``seconds`` after a cold start."""
         if self.time_constant is None:
             return self
-        share = -math.expm1(-seconds / self.time_constant)
+        fraction = -math.expm1(-seconds / self.time_constant)
         parts = {
-            name: share * space.value(name, setting)
+            name: fraction * space.value(name, setting)
             for name in ("temperature_change", "gradient")
             if (setting := getattr(self, name)) is not None
         }
@@ -102,20 +101,20 @@ class Thermal(Source):
         expansion = space.value("expansion", self.expansion)
         for link in self._links(chain):
             place = chain.end(link)
-            turn = place.frame[:3, :3].T
-            way = place.frame[:3, 3]
-            if not way.any():
+            axes = place.frame[:3, :3].T
+            vector = place.frame[:3, 3]
+            if not vector.any():
                 if self.link is not None:
                     raise InputError(f"{self.label()}: the link has no length, so it cannot grow or bend")
                 continue
             if self.temperature_change is not None:
                 change = space.value("temperature_change", self.temperature_change)
-                yield Term.of(place, np.concatenate([turn @ way, np.zeros(3)]), expansion, change)
+                yield Term.of(place, np.concatenate([axes @ vector, np.zeros(3)]), expansion, change)
             if self.gradient is not None:
                 gradient = space.value("gradient", self.gradient)
-                back = posture.link_poses[link][:3, :3].swapaxes(0, 1)
-                bending = _bending(way, se3.turn(back, self._direction(posture)))
-                yield Term.of(place, np.concatenate([turn @ bending[:3], turn @ bending[3:]]), expansion, gradient)
+                to_link = posture.link_poses[link][:3, :3].swapaxes(0, 1)
+                bending = _bending(vector, se3.turn(to_link, self._direction(posture)))
+                yield Term.of(place, np.concatenate([axes @ bending[:3], axes @ bending[3:]]), expansion, gradient)
 
     def _links(self, chain: Chain) -> Sequence[int]:
         return range(len(chain.joints) + 1) if self.link is None else (chain.link_frame(self.link).link,)
@@ -125,7 +124,7 @@ class Thermal(Source):
         return direction_of(self.across, posture)
 
 
-def _bending(way: Array, warmer: Array) -> Array:
-    """Return the end's shift and rotation ``(6[, P])`` for a unit gradient towards ``warmer`` and unit expansion."""
-    normal = (warmer.T - way * ((warmer.T @ way)[..., None] / (way @ way))).T
-    return np.concatenate([-normal * (way @ way) / 2, -np.cross(way, normal, axisb=0, axisc=0)])
+def _bending(vector: Array, gradient: Array) -> Array:
+    """Return the end's shift and rotation ``(6[, P])`` for a unit ``gradient`` and unit expansion."""
+    normal = (gradient.T - vector * ((gradient.T @ vector)[..., None] / (vector @ vector))).T
+    return np.concatenate([-normal * (vector @ vector) / 2, -np.cross(vector, normal, axisb=0, axisc=0)])

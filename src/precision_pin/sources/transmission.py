@@ -29,7 +29,7 @@ class Transmission(Source):
         amplitude: Amplitudes of the kinematic error, half of peak to peak, one or several: angles, or lengths for a
             prismatic joint. The phase covers both signs, so a law for an amplitude has its mean above zero.
         order: Number of repetitions of each in ``period``.
-        period: Period of order 1, a full turn of the joint if left out. A prismatic joint needs it with amplitude: the
+        period: Period of order 1 (default: a revolution of the joint). A prismatic joint needs it with amplitude: the
             lead of its screw.
         stiffness: k of the wind-up, of the whole drive train at the joint; a linear stiffness for a prismatic joint.
         lead_error: Lead error of a prismatic joint, relative to the travel from the joint's zero.
@@ -66,8 +66,8 @@ class Transmission(Source):
         if not self.amplitude and self.stiffness is None and self.lead_error is None:
             raise InputError("transmission needs one of amplitude:, stiffness: and lead_error:")
         if len(self.amplitude) != len(self.order):
-            given = f"{len(self.amplitude)} and {len(self.order)}"
-            raise InputError(f"transmission needs one order: for each amplitude:, got {given}")
+            counts = f"{len(self.amplitude)} and {len(self.order)}"
+            raise InputError(f"transmission needs one order: for each amplitude:, got {counts}")
         if not all(0 < order < math.inf for order in self.order):
             raise InputError("an order of transmission must be positive")
         if self.period is not None and not 0 < self.period < math.inf:
@@ -98,9 +98,9 @@ class Transmission(Source):
         if not is_prismatic and self.lead_error is not None:
             raise InputError(f"{self.label()}: lead_error: is only for a prismatic joint")
         value = posture.q[joint]
-        turn = 2 * math.pi * value / self.period if self.period is not None else value
+        angle = 2 * math.pi * value / self.period if self.period is not None else value
         for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):
-            yield from periodic_terms(joint, self.order[k] * turn, amplitude, space, entry_name("phase", k))
+            yield from periodic_terms(joint, self.order[k] * angle, amplitude, space, entry_name("phase", k))
         if self.lead_error is not None:
             yield Term.of(JointValue(joint), value, space.value("lead_error", self.lead_error))
         if self.stiffness is not None:

@@ -17,6 +17,10 @@ Counts = NDArray[np.int64]
 MANTISSA_BITS: Final = 9
 LOWEST_EXPONENT: Final = -12
 HIGHEST_EXPONENT: Final = 8
+"""Bins are 2⁻⁹ of their value wide, from 2⁻¹² to 2⁸ scales: a quantile is read to three digits, from 1.3 MB of counts.
+
+A further bit or twice the octaves would double the counts, and the time to merge them.
+"""
 SHIFT: Final = 52 - MANTISSA_BITS
 """Right shift of a double's bits that leaves the exponent and the top nine bits of the mantissa."""
 OFFSET: Final = (1023 + LOWEST_EXPONENT) << MANTISSA_BITS
@@ -42,15 +46,15 @@ def sketch_edges() -> Array:
 
 
 LARGEST: Final = 10
-"""Number of largest errors kept."""
+"""Number of largest errors kept: the list of a report; more cost time in every block."""
 
-# lanes and span of the compiled sampler's sums, so that both add in the same order
 _LANES: Final = 16
 _SPAN: Final = 128
+"""Lanes and span of the compiled sampler's sums, so that both add in the same order."""
 _ROUNDING: Final = 1e-9
-"""Fraction of centre and scale by which the edges of bins may be off."""
-# samples processed at a time: their arrays fit the processor's cache
+"""Fraction of centre and scale by which the edges of bins may be off: rounding (1e-16) of some 10⁶ sums, with a margin."""
 _TILE: Final = 1 << 14
+"""Samples processed at a time: their arrays (eight rows, 1 MB) fit the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,37 +121,37 @@ def observe(plan: Plan, state: State, errors: ArrayLike) -> State:
 def merge(first: State, second: State) -> State:
     """Return the state of both sets of samples.
 
-    Sums depend on order and grouping, by rounding: merge in block order wherever identical bits matter. Raises
-    InternalError if the states have different numbers of specifications.
+    Sums depend on order and grouping, by rounding: merge in block order if identical bits matter. Raises InternalError
+    if the states have different numbers of specifications.
     """
     if first.inside.shape != second.inside.shape:
         raise InternalError(f"states of {first.inside.size} and {second.inside.size} specifications")
     largest, units = largest_of(first.largest, first.largest_units, second.largest, second.largest_units)
-    added = ("count", "sums", "products", "norm_squares", "sketch", "inside")
-    sums: dict[str, Any] = {name: getattr(first, name) + getattr(second, name) for name in added}
+    summed = ("count", "sums", "products", "norm_squares", "sketch", "inside")
+    sums: dict[str, Any] = {name: getattr(first, name) + getattr(second, name) for name in summed}
     lowest, highest = np.minimum(first.lowest, second.lowest), np.maximum(first.highest, second.highest)
     return State(lowest=lowest, highest=highest, largest=largest, largest_units=units, **sums)
 
 
 def is_consistent(plan: Plan, state: State) -> bool:
-    """Return whether samples with the histograms of a state could have its other statistics, to rounding."""
+    """Return whether the histograms of a state are compatible with its other statistics, to rounding."""
     if not state.count:
         return True
     edges = plan.scale[:, None] * sketch_edges()
     slack = _ROUNDING * (np.abs(plan.centre) + plan.scale)
     low, high = edges[:, :-1] - slack[:, None], edges[:, 1:] + slack[:, None]
-    ends = [(counts > 0).argmax(axis=1) for counts in (state.sketch, state.sketch[:, ::-1])]
+    outermost = [(counts > 0).argmax(axis=1) for counts in (state.sketch, state.sketch[:, ::-1])]
     rows = np.arange(8)
-    for value, column in ((state.lowest, ends[0]), (state.highest, COLUMNS - 1 - ends[1])):
+    for value, column in ((state.lowest, outermost[0]), (state.highest, COLUMNS - 1 - outermost[1])):
         if not ((low[rows, column] <= value - plan.centre) & (value - plan.centre <= high[rows, column])).all():
             return False
     for spec, inside in zip(plan.specifications, state.inside.tolist(), strict=True):
         counts, centre, limit = state.sketch[spec.row], plan.centre[spec.row], spec.limit
-        surely = counts[(low[spec.row] >= -limit - centre) & (high[spec.row] <= limit - centre)].sum()
-        possibly = counts[(high[spec.row] >= -limit - centre) & (low[spec.row] <= limit - centre)].sum()
-        if not surely <= inside <= possibly:
+        certain = counts[(low[spec.row] >= -limit - centre) & (high[spec.row] <= limit - centre)].sum()
+        possible = counts[(high[spec.row] >= -limit - centre) & (low[spec.row] <= limit - centre)].sum()
+        if not certain <= inside <= possible:
             return False
-    lowest, highest = ((np.where(state.sketch > 0, end, 0.0) * state.sketch).sum(axis=1) for end in (low, high))
+    lowest, highest = ((np.where(state.sketch > 0, edge, 0.0) * state.sketch).sum(axis=1) for edge in (low, high))
     return bool(((lowest <= state.sums) & (state.sums <= highest)).all())
 
 
@@ -203,9 +207,9 @@ def _tally(plan: Plan, values: Array, first: int) -> State:
         products[row:, row] = products[row, row:]
     columns = sketch_columns(residuals / plan.scale[:, None])
     columns += COLUMNS * np.arange(8)[:, None]
-    nothing = start(plan)
+    empty = start(plan)
     units = np.tile(np.arange(first, first + values.shape[1]), (2, 1))
-    largest, largest_units = largest_of(nothing.largest, nothing.largest_units, values[list(NORMS)], units)
+    largest, largest_units = largest_of(empty.largest, empty.largest_units, values[list(NORMS)], units)
     return State(
         count=values.shape[1],
         lowest=values.min(axis=1),

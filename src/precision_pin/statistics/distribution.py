@@ -1,14 +1,14 @@
 """Distribution of one quantity, as far as the samples resolve it.
 
-The mode is the peak of the histogram smoothed by a Gaussian. Smoothing shifts the peak of a skewed law by more than its
-standard error, so the mode's interval comes from elsewhere. Of all windows of one width, the one with the most
-probability contains the mode of every unimodal law. The interval is the union of all windows whose count is not
-significantly below the largest (Bonferroni's correction for three comparisons), which contains the most probable window
-with more than the stated confidence.
+The mode is the peak of the histogram smoothed by a Gaussian. Smoothing shifts the peak of a skewed distribution by more
+than its standard error, so the mode's interval is computed differently. Among all windows of one width, the window with
+maximum probability contains the mode of every unimodal distribution. The interval is the union of all windows whose
+count is not significantly below the largest (Bonferroni's correction for three comparisons), which contains the most
+probable window with more than the stated confidence.
 
-The mode is not resolved if the union is wider than 1.6 standard deviations (a flat law, or two equal peaks), if it
-reaches the smallest or largest sample (a law without peak; a norm may have its mode at zero), or if narrower windows
-find the mode elsewhere (a spike).
+The mode is not resolved if the union is wider than 1.6 standard deviations (a flat distribution, or two equal peaks),
+if it reaches the smallest or largest sample (a distribution without peak; a norm may have its mode at zero), or if
+narrower windows find another mode (a spike).
 """
 
 from __future__ import annotations
@@ -36,30 +36,35 @@ from precision_pin.statistics.intervals import (
 from precision_pin.statistics.plan import si_quantity
 
 NORM_LEVELS: Final = (0.5, 0.95, 0.99, 0.9973)
-"""Probabilities of the quantiles reported of a norm."""
+"""Probabilities of the quantiles reported of a norm; 0.9973 is the fraction within ±3σ of a normal distribution."""
 COMPONENT_LEVELS: Final = (0.00135, 0.01, 0.05, 0.5, 0.95, 0.99, 0.9973)
-"""Probabilities of the quantiles reported of a component."""
+"""Probabilities of the quantiles reported of a component: two-sided, as ±3σ and the upper levels of a norm."""
 
 CONTENTS: Final = (0.95, 0.99, 0.9973)
-"""Fractions of all units for which tolerance bounds are reported."""
+"""Fractions of all robots for which tolerance bounds are reported: the upper levels of the quantiles."""
 
 _FEWEST_FOR_MODE: Final = 100
+"""Samples below which no mode is sought: with 200 samples of a normal distribution the interval is already too wide."""
 _MOST_BARS: Final = 100
+"""Bars of a drawn histogram, each still 4 pixels wide in a figure of 400."""
 
 _STEPS_PER_BANDWIDTH = 16
+"""Cells in a bandwidth: the parabola through three cells finds the peak within a small fraction of the bandwidth."""
 _MOST_CELLS = 1 << 14
+"""Cells of the smoothed histogram: limits the convolution to some ms if the bulk spans thousands of bandwidths."""
 _REACH = 5.0
-"""Half-width of the smoothing Gaussian, in bandwidths."""
+"""Half-width of the smoothing Gaussian, in bandwidths; its tails beyond hold 6e-7."""
 
 _WINDOW: Final = 2.5
 """Width of the windows, in spreads times N^(-1/5): this power of N gives the shortest interval."""
 _STEPS_PER_WINDOW: Final = 16
+"""Positions of a window per width: the interval's ends are multiples of 1/16 of the width, small next to the width."""
 _TESTS: Final = 3
-"""Simultaneous comparisons: adjacent windows that may be nearly as full as the fullest, with the mode resolved."""
+"""Simultaneous comparisons: neighbouring windows that can be almost as full as the fullest if the mode is resolved."""
 _WIDEST: Final = 1.6
-"""Longest interval reported, in standard deviations; a flat law is 3.5 wide, two equal peaks at least 2."""
+"""Longest interval reported, in standard deviations; a uniform one is 3.5 wide, two equal peaks are at least 2 apart."""
 _FINER: Final = (4, 16)
-"""Factors by which the windows that detect spikes are narrower."""
+"""Factors by which the windows that detect spikes are narrower; narrower ones hold too few samples to differ."""
 
 
 def resolved(
@@ -106,7 +111,7 @@ class Distribution(Record):
         min, max: Smallest and largest *sampled* value; not bounds.
         bin_lower, bin_upper: ``(k,)`` edges of the occupied bins of the sketch, clipped to `min` and `max`.
         bin_cumulative: ``(k,)`` samples up to and including each occupied bin.
-        skewness: Skewness of the value and of its squared deviation from the mean, from the laws; NaN where unknown.
+        skewness: Skewness of the value and of its squared deviation from the mean, from the laws; NaN if unknown.
     """
 
     KEYS: ClassVar[Keys] = ("mean", "std", "min", "max", "mode", "*_entries")
@@ -143,17 +148,16 @@ class Distribution(Record):
         """Return the p-quantile as :meth:`resolved_quantile`, or those of several probabilities.
 
         Raises:
-            InputError: A probability does not lie between 0 and 1, or the samples do not resolve its quantile.
+            InputError: A probability is not between 0 and 1, or the samples do not resolve its quantile.
         """
         return resolved(self.resolved_quantile, p, self.quantity, self.samples, self.confidence)
 
     def resolved_quantile(self, p: float) -> float | None:
-        """Return the p-quantile; None where the samples do not resolve it (no interval exists).
+        """Return the p-quantile; None if the samples do not resolve it (no interval exists).
 
         Interpolates linearly between order statistics at rank 1 + (N − 1) p (numpy's default), each placed in its bin
-        of the sketch by its rank. The error against the samples' own quantile is at most one bin: 2⁻⁹ of the distance
-        from the planned centre, or 2⁻¹² of the planned scale if that is more (`Plan`). Raises InputError unless 0 < p <
-        1.
+        of the sketch by its rank. The error against the quantile of the samples is at most one bin: 2⁻⁹ of the distance
+        from the planned centre, or 2⁻¹² of the planned scale if larger (`Plan`). Raises InputError unless 0 < p < 1.
         """
         return None if quantile_ranks(self.samples, _level(p), self.confidence) is None else self._quantile(p)
 
@@ -162,7 +166,7 @@ class Distribution(Record):
         return self._between(quantile_ranks(self.samples, _level(p), self.confidence))
 
     def quantile_error(self, p: float) -> float | None:
-        """Return the largest difference of `quantile` from the samples' own quantile; None if unresolved.
+        """Return the largest difference of `quantile` from the quantile of the samples; None if unresolved.
 
         This is the error of the sketch alone, without the sampling error. Raises InputError unless 0 < p < 1.
         """
@@ -210,9 +214,9 @@ class Distribution(Record):
         """Return `cdf` for an array of values."""
         points = check_quantities("values", values, si_quantity(self.quantity))
         # linear within every occupied bin, constant between bins
-        ends = np.stack((self.bin_lower, self.bin_upper), axis=1).ravel()
+        edges = np.stack((self.bin_lower, self.bin_upper), axis=1).ravel()
         counts = np.stack((self._before, self.bin_cumulative), axis=1).ravel()
-        inner = np.interp(points, ends, counts) / self.samples
+        inner = np.interp(points, edges, counts) / self.samples
         return np.where(points >= self.max, 1.0, np.where(points < self.min, 0.0, inner))
 
     def probability_inside(self, limit: float | str) -> float:
@@ -223,7 +227,7 @@ class Distribution(Record):
         return self.cdf(limit) - (self.cdf(-limit) if self.min < -limit else 0.0)
 
     def histogram(self, bars: int | None = None) -> Histogram | None:
-        """Return a histogram to draw, from `min` to `max`; None where all samples are equal.
+        """Return a histogram to draw, from `min` to `max`; None if all samples are equal.
 
         By default the bar width is 2·IQR·N^(−1/3) (Freedman and Diaconis, 1981), with at least 1 + log₂ N bars
         (Sturges, 1926) and at most 100.
@@ -234,10 +238,10 @@ class Distribution(Record):
         if bars is not None:
             check_whole("bars", bars, 1, 10**6)
         else:
-            fewest = 1 + math.ceil(math.log2(self.samples))
+            sturges_bars = 1 + math.ceil(math.log2(self.samples))
             width = 2 * (self._quantile(0.75) - self._quantile(0.25)) * self.samples ** (-1 / 3)
-            advised = math.ceil(span / width) if width > span / _MOST_BARS else _MOST_BARS
-            bars = min(max(fewest, advised), _MOST_BARS)
+            freedman_bars = math.ceil(span / width) if width > span / _MOST_BARS else _MOST_BARS
+            bars = min(max(sturges_bars, freedman_bars), _MOST_BARS)
         edges = np.linspace(self.min, self.max, bars + 1)
         shares = self.cumulative(edges)
         shares[0] = 0.0
@@ -247,7 +251,7 @@ class Distribution(Record):
 
     @property
     def mode(self) -> float | None:
-        """Peak of the smoothed histogram; None where the samples do not resolve one, or are fewer than 100."""
+        """Peak of the smoothed histogram; None if the samples do not resolve one, or are fewer than 100."""
         return None if self._peak is None else self._peak.value
 
     @property
@@ -256,23 +260,23 @@ class Distribution(Record):
         return None if self._peak is None else self._peak.bandwidth
 
     def mean_interval(self) -> tuple[float, float] | None:
-        """Return Hall's interval of the mean (`moment_intervals`); None below 30 samples or for too skewed a law."""
-        ends = self.moments.mean_interval
-        return None if ends is None else (self.mean + ends[0], self.mean + ends[1])
+        """Return Hall's interval of the mean; None below 30 samples or if the distribution is too skewed."""
+        offsets = self.moments.mean_interval
+        return None if offsets is None else (self.mean + offsets[0], self.mean + offsets[1])
 
     def variance_interval(self) -> tuple[float, float] | None:
-        """Return the interval of the variance (`moment_intervals`); None below 1,000 samples or for too heavy a tail."""
+        """Return the interval of the variance; None below 1,000 samples or if the tail is too heavy."""
         return self.moments.variance_interval
 
     def std_interval(self) -> tuple[float, float] | None:
-        """Return the square roots of `variance_interval`; None where that is not resolved."""
-        ends = self.variance_interval()
-        if ends is None or self.std is None:
+        """Return the square roots of `variance_interval`; None if it is not resolved."""
+        variances = self.variance_interval()
+        if variances is None or self.std is None:
             return None
-        return min(math.sqrt(ends[0]), self.std), max(math.sqrt(ends[1]), self.std)
+        return min(math.sqrt(variances[0]), self.std), max(math.sqrt(variances[1]), self.std)
 
     def mode_interval(self) -> tuple[float, float] | None:
-        """Return an interval that holds the mode of every unimodal law (`mode`); None where it is not resolved."""
+        """Return an interval that contains the mode of every unimodal distribution; None if it is not resolved."""
         return None if self._peak is None else (self._peak.lower, self._peak.upper)
 
     # intervals and digits by name of the statistic ---------------------------------------------------
@@ -283,7 +287,7 @@ class Distribution(Record):
         return None if value is None else interval
 
     def half_width(self, statistic: str | float) -> float | None:
-        """Return the distance of a statistic from the farther end of its interval; None if unresolved.
+        """Return the distance of a statistic from the farther endpoint of its interval; None if unresolved.
 
         Args:
             statistic: ``mean``, ``std``, ``mode``, ``min``, ``max`` (half-width 0: sampled values) or the probability
@@ -308,7 +312,7 @@ class Distribution(Record):
             "quantile_error": self.quantile_error,
         }
         return {
-            **{key: {level: of(level) for level in self.levels} for key, of in by_level.items()},
+            **{key: {level: method(level) for level in self.levels} for key, method in by_level.items()},
             **{f"{name}_interval": self.interval(name) for name in ("mean", "std", "mode")},
             "tolerance_bounds": {content: self.tolerance_bounds(content) for content in CONTENTS},
         }
@@ -375,10 +379,10 @@ class Distribution(Record):
 
     @cached_property
     def _peak(self) -> Peak | None:
-        """The highest peak of the smoothed histogram; None where the samples do not resolve it."""
+        """The highest peak of the smoothed histogram; None if the samples do not resolve it."""
         # A norm's histogram is mirrored at zero first, so that no probability leaks across the boundary. The bandwidth
-        # is h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is best for the location of
-        # a peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference (4/5)^(1/7) (Wand
+        # is h = 0.969·s·N^(−1/7), with s the smaller of std and IQR/1.349. This power of N is optimal for the location
+        # of a peak: it balances bias h² against variance 1/(N h³). The factor is the normal reference (4/5)^(1/7) (Wand
         # and Jones, Kernel Smoothing, 1995).
         spread, samples = self.std, self.samples
         if spread is None or samples < _FEWEST_FOR_MODE:
@@ -389,68 +393,68 @@ class Distribution(Record):
         interquartile = self._quantile(0.75) - self._quantile(0.25)
         robust = min(spread, interquartile / 1.349) if interquartile > 0 else spread
         width = _WINDOW * robust * samples ** (-1 / 5)
-        sought = (max(bulk[0] - width, 0.0) if self.is_norm else bulk[0] - width, bulk[1] + width)
-        likely = self._likeliest_interval(sought, width)
-        if likely is None or likely[1] - likely[0] > _WIDEST * spread:
+        search_range = (max(bulk[0] - width, 0.0) if self.is_norm else bulk[0] - width, bulk[1] + width)
+        interval = self._likeliest_interval(search_range, width)
+        if interval is None or interval[1] - interval[0] > _WIDEST * spread:
             return None
         at_zero = self.is_norm and self.min < width
-        if (likely[0] - self.min < width / 2 and not at_zero) or self.max - likely[1] < width / 2:
+        if (interval[0] - self.min < width / 2 and not at_zero) or self.max - interval[1] < width / 2:
             return None
-        for finer in _FINER:
-            spike = self._likeliest_interval(sought, width / finer)
-            if spike is not None and (spike[0] > likely[1] or spike[1] < likely[0]):
+        for divisor in _FINER:
+            spike = self._likeliest_interval(search_range, width / divisor)
+            if spike is not None and (spike[0] > interval[1] or spike[1] < interval[0]):
                 return None
         bandwidth = (4 / 5) ** (1 / 7) * robust * samples ** (-1 / 7)
         value = self._find_smoothed_peak(bulk, bandwidth)
-        return Peak(value, bandwidth, min(likely[0], value), max(likely[1], value))
+        return Peak(value, bandwidth, min(interval[0], value), max(interval[1], value))
 
-    def _likeliest_interval(self, sought: tuple[float, float], width: float) -> tuple[float, float] | None:
+    def _likeliest_interval(self, search_range: tuple[float, float], width: float) -> tuple[float, float] | None:
         """Return the union of the windows that may be the most probable; None if there are too many windows."""
         step = width / _STEPS_PER_WINDOW
-        cells = math.ceil((sought[1] - sought[0]) / step)
+        cells = math.ceil((search_range[1] - search_range[0]) / step)
         if not _STEPS_PER_WINDOW < cells <= _MOST_CELLS:
             return None
-        edges: Array = sought[0] + step * np.arange(cells + 1, dtype=float)
+        edges: Array = search_range[0] + step * np.arange(cells + 1, dtype=float)
         below = self.cumulative(edges) * self.samples
-        held = below[_STEPS_PER_WINDOW:] - below[:-_STEPS_PER_WINDOW]
-        best = int(np.argmax(held))
-        starts = np.arange(held.size)
+        window_counts = below[_STEPS_PER_WINDOW:] - below[:-_STEPS_PER_WINDOW]
+        best = int(np.argmax(window_counts))
+        starts = np.arange(window_counts.size)
         # samples in the overlap of two windows do not contribute to the difference of their counts
-        shared_from, shared_to = np.maximum(starts, best), np.minimum(starts, best) + _STEPS_PER_WINDOW
-        shared = np.where(shared_to > shared_from, below[shared_to] - below[np.minimum(shared_from, cells)], 0.0)
+        begin, end = np.maximum(starts, best), np.minimum(starts, best) + _STEPS_PER_WINDOW
+        overlap = np.where(end > begin, below[end] - below[np.minimum(begin, cells)], 0.0)
         critical = -float(ndtri((1 - self.confidence) / (2 * _TESTS)))
-        apart = np.maximum(held[best] + held - 2 * shared, 0.0)
-        alike = np.flatnonzero(held[best] - held <= critical * np.sqrt(apart))
-        return float(edges[alike[0]]), float(edges[alike[-1] + _STEPS_PER_WINDOW])
+        separate_counts = np.maximum(window_counts[best] + window_counts - 2 * overlap, 0.0)
+        candidates = np.flatnonzero(window_counts[best] - window_counts <= critical * np.sqrt(separate_counts))
+        return float(edges[candidates[0]]), float(edges[candidates[-1] + _STEPS_PER_WINDOW])
 
     def _find_smoothed_peak(self, bulk: tuple[float, float], bandwidth: float) -> float:
         """Return the value at which the smoothed histogram is highest within the bulk."""
         lower, upper = bulk[0] - _REACH * bandwidth, bulk[1] + _REACH * bandwidth
-        mirrored = self.is_norm and lower <= 0
-        lower = 0.0 if mirrored else lower
+        is_mirrored = self.is_norm and lower <= 0
+        lower = 0.0 if is_mirrored else lower
         cells = min(math.ceil((upper - lower) / bandwidth * _STEPS_PER_BANDWIDTH), _MOST_CELLS)
         edges = np.linspace(lower, upper, cells + 1)
         step = (upper - lower) / cells
         shares = np.diff(self.cumulative(edges))
-        if mirrored:
+        if is_mirrored:
             shares = np.concatenate((shares[::-1], shares))
 
-        reach = max(1, math.ceil(_REACH * bandwidth / step))
-        offsets = np.arange(-reach, reach + 1) * step
+        half_width = max(1, math.ceil(_REACH * bandwidth / step))
+        offsets = np.arange(-half_width, half_width + 1) * step
         kernel = np.exp(-0.5 * (offsets / bandwidth) ** 2) / (bandwidth * math.sqrt(2 * math.pi))
-        density = np.convolve(shares, kernel, mode="full")[reach : reach + shares.size]
+        density = np.convolve(shares, kernel, mode="full")[half_width : half_width + shares.size]
         middles: Array = (
-            np.arange(shares.size, dtype=float) * step + (lower if not mirrored else lower - cells * step) + step / 2
+            np.arange(shares.size, dtype=float) * step + (lower if not is_mirrored else lower - cells * step) + step / 2
         )
-        within = (middles >= max(bulk[0] - step, 0.0 if mirrored else -math.inf)) & (middles <= bulk[1] + step)
-        top = int(np.flatnonzero(within)[np.argmax(density[within])])
+        within = (middles >= max(bulk[0] - step, 0.0 if is_mirrored else -math.inf)) & (middles <= bulk[1] + step)
+        cell = int(np.flatnonzero(within)[np.argmax(density[within])])
         # the vertex of the parabola through the highest cell and its neighbours
-        top = min(max(top, 1), density.size - 2)
-        left, centre, right = density[top - 1 : top + 2]
-        bend = left - 2 * centre + right
-        shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
-        summit = float(middles[top] + shift * (middles[1] - middles[0]))
-        return max(summit, 0.0) if mirrored else summit
+        cell = min(max(cell, 1), density.size - 2)
+        left, centre, right = density[cell - 1 : cell + 2]
+        curvature = left - 2 * centre + right
+        shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
+        vertex = float(middles[cell] + shift * (middles[1] - middles[0]))
+        return max(vertex, 0.0) if is_mirrored else vertex
 
 
 def _level(p: float) -> float:

@@ -27,8 +27,8 @@ def quantile_ranks(samples: int, p: float, confidence: float) -> tuple[int, int]
     """Return the ranks (from 1) whose order statistics enclose the p-quantile, or None.
 
     For B binomial (samples, p), the lower rank is the largest l with P(B < l) ≤ (1 − confidence)/2, the upper rank the
-    smallest u with P(B ≥ u) ≤ (1 − confidence)/2. None where l would be 0 or u would exceed the number of samples
-    (David and Nagaraja, Order Statistics, section 7.1).
+    smallest u with P(B ≥ u) ≤ (1 − confidence)/2. None if l would be 0 or u would exceed the number of samples (David
+    and Nagaraja, Order Statistics, section 7.1).
     """
     tail = (1 - confidence) / 2
     lower = bisect_left(range(samples + 1), True, key=lambda k: float(bdtr(k, samples, p)) > tail)
@@ -40,8 +40,8 @@ def quantile_ranks(samples: int, p: float, confidence: float) -> tuple[int, int]
 def upper_bound_rank(samples: int, p: float, confidence: float) -> int | None:
     """Return the rank whose order statistic bounds the p-quantile from above with this confidence.
 
-    It is the smallest u with P(B ≥ u) ≤ 1 − confidence; None where even the largest sample is no such bound (Wilks
-    1941: 95 % of the law with 95 % confidence needs 59 samples).
+    It is the smallest u with P(B ≥ u) ≤ 1 − confidence; None if even the largest sample is no such bound (Wilks 1941:
+    95 % of the distribution with 95 % confidence needs 59 samples).
     """
     rank = _smallest_rank_above(samples, p, 1 - confidence)
     return rank if rank <= samples else None
@@ -49,10 +49,10 @@ def upper_bound_rank(samples: int, p: float, confidence: float) -> int | None:
 
 @lru_cache(maxsize=1024)
 def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[int, int] | None:
-    """Return the symmetric ranks r and N + 1 − r between which this content of the law lies.
+    """Return the symmetric ranks r and N + 1 − r between which this content of the distribution lies.
 
     The probability between X₍r₎ and X₍N+1−r₎ is Beta(N + 1 − 2r, 2r); r is the largest rank for which it exceeds the
-    content with this confidence. None where r would be 0 (Wilks 1941: 93 samples for 95/95).
+    content with this confidence. None if r would be 0 (Wilks 1941: 93 samples for 95/95).
     """
     largest = samples // 2
     rank = bisect_left(
@@ -62,10 +62,10 @@ def tolerance_ranks(samples: int, content: float, confidence: float) -> tuple[in
 
 
 def clopper_pearson(inside: float, samples: float, confidence: float) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability, from the (effective) numbers of samples inside and in all.
+    """Return the Clopper-Pearson interval of a probability, from the (effective) numbers of samples inside and in total.
 
-    It covers every probability with at least the confidence (Clopper and Pearson, Biometrika 26, 1934). The lower end
-    is 0 if no sample is inside, the upper end 1 if all are.
+    It covers every probability with at least the confidence (Clopper and Pearson, Biometrika 26, 1934). The lower
+    endpoint is 0 if no sample is inside, the upper endpoint 1 if all are.
     """
     tail = (1 - confidence) / 2
     lower = float(betaincinv(inside, samples - inside + 1, tail)) if inside > 0 else 0.0
@@ -73,26 +73,26 @@ def clopper_pearson(inside: float, samples: float, confidence: float) -> tuple[f
 
 
 def share_to_show(required: float, samples: int, confidence: float, chance: float) -> float | None:
-    """Return the least probability that ``samples`` demonstrate, with this chance, to be at least ``required``.
+    """Return the minimum probability that ``samples`` demonstrate, with this chance, to be at least ``required``.
 
     It is demonstrated if its Clopper-Pearson interval starts at ``required`` or above; None if it never can.
     """
-    least = _smallest_rank_above(samples, required, (1 - confidence) / 2)
-    return float(betaincinv(least, samples - least + 1, chance)) if least <= samples else None
+    rank = _smallest_rank_above(samples, required, (1 - confidence) / 2)
+    return float(betaincinv(rank, samples - rank + 1, chance)) if rank <= samples else None
 
 
 def upper_ends(inside: ArrayLike, samples: float, tail: float) -> Array:
-    """Return one-sided Clopper-Pearson upper ends of probabilities, exceeded with probability ``tail``.
+    """Return one-sided Clopper-Pearson upper endpoints of probabilities, exceeded with probability ``tail``.
 
-    ``inside`` are numbers of samples inside, of any shape, of ``samples`` in all.
+    ``inside`` are the numbers of samples inside, any shape, out of ``samples``.
     """
-    few = np.asarray(inside)
-    beyond = np.where(few >= samples, 1, samples - few)
-    return np.where(few >= samples, 1.0, betaincinv(few + 1, beyond, 1 - tail))
+    counts = np.asarray(inside)
+    outside = np.where(counts >= samples, 1, samples - counts)
+    return np.where(counts >= samples, 1.0, betaincinv(counts + 1, outside, 1 - tail))
 
 
 def _smallest_rank_above(samples: int, p: float, tail: float) -> int:
-    """Return the smallest u with P(B ≥ u) ≤ tail; samples + 1 where there is none."""
+    """Return the smallest u with P(B ≥ u) ≤ tail; samples + 1 if there is none."""
     return 1 + bisect_left(range(1, samples + 1), True, key=lambda u: float(betainc(u, samples - u + 1, p)) <= tail)
 
 
@@ -114,14 +114,16 @@ def studentised(normal: ArrayLike, skewness: ArrayLike) -> NDArray[np.float64]:
 
 Interval = tuple[float, float]
 
+# chosen such that the intervals of benchmarks/coverage.py, of heavy-tailed distributions too, cover at least 92 %
 _FEWEST_FOR_MEAN: Final = 30
 _FEWEST_FOR_VARIANCE: Final = 1000
+"""Samples below which the skewness, and the tail index of the √N outermost samples, are too uncertain for an interval."""
 _MOST_SKEWED: Final = 0.4
-"""Largest skewness of a mean, γ/√N, that still gets an interval."""
+"""Largest skewness of a mean, γ/√N, for which an interval is given."""
 _SKEWED_AWAY: Final = 0.5
 """Skewness of a mean at which the widened interval would be infinite."""
 _LEAST_INDEX: Final = 3.5
-"""Smallest tail index that still gets an interval of the variance."""
+"""Smallest tail index for which an interval of the variance is given; below 4 the fourth moment is infinite."""
 _INDEX: Final = 4.2
 """Tail index at which the variance's interval is doubled in length."""
 _SKETCH_ERROR: Final = 0.05
@@ -135,7 +137,7 @@ class Moments(Fixed):
     Attributes:
         deviations, counts: ``(k,)`` bin centres minus the mean, and the samples in each bin.
         variance: Mean square deviation of the samples themselves, divisor N.
-        skewness: Skewness of the values and of their squared deviations, from the laws; NaN where unknown.
+        skewness: Skewness of the values and of their squared deviations, from the laws; NaN if unknown.
     """
 
     deviations: Array
@@ -165,10 +167,10 @@ class Moments(Fixed):
         if index < _LEAST_INDEX:
             return None
         widening = 1 + (_INDEX / index) ** 4
-        ends = _hall(self._mean_of_squares, self.skewness[1], widening, self._quantile, self.samples)
-        if ends is None:
+        offsets = _hall(self._mean_of_squares, self.skewness[1], widening, self._quantile, self.samples)
+        if offsets is None:
             return None
-        return max(self.variance + ends[0], 0.0), self.variance + ends[1] + self.mean_half_width**2
+        return max(self.variance + offsets[0], 0.0), self.variance + offsets[1] + self.mean_half_width**2
 
     @property
     def mean_half_width(self) -> float:
@@ -177,12 +179,12 @@ class Moments(Fixed):
 
     @property
     def standard_errors(self) -> float:
-        """Half-width of the variance's interval on its farther side, in standard errors; at least Student's quantile."""
-        ends, error = self.variance_interval, self._mean_of_squares.error
-        if ends is None or error == 0:
+        """Larger half-width of the variance's interval, in standard errors; at least Student's quantile."""
+        interval, error = self.variance_interval, self._mean_of_squares.error
+        if interval is None or error == 0:
             return self._quantile
-        above = ends[1] - self.mean_half_width**2 - self.variance
-        return max((self.variance - ends[0]) / error, above / error, self._quantile)
+        above = interval[1] - self.mean_half_width**2 - self.variance
+        return max((self.variance - interval[0]) / error, above / error, self._quantile)
 
     @property
     def fourth_moment(self) -> float:
@@ -214,10 +216,10 @@ class Moments(Fixed):
         order = np.argsort(-np.abs(self.deviations), kind="stable")
         distances, counts = np.abs(self.deviations)[order], self.counts[order]
         last = int(np.searchsorted(np.cumsum(counts), outermost))
-        nearest = distances[last]
-        if nearest == 0:
+        threshold = distances[last]
+        if threshold == 0:
             return 0.0
-        logarithms = _dot(counts[:last], np.log(distances[:last] / nearest)) / (outermost - 1)
+        logarithms = _dot(counts[:last], np.log(distances[:last] / threshold)) / (outermost - 1)
         return (1 - 1 / math.sqrt(outermost)) / max(logarithms, 1e-9)
 
 
@@ -246,20 +248,20 @@ def _dot(counts: NDArray[np.int64], values: Array) -> float:
     return float((counts * values).sum())
 
 
-def _hall(mean: _Mean, known: float, widening: float, quantile: float, samples: int) -> Interval | None:
-    """Return Hall's interval relative to a mean, ``(below, above)``; None for too skewed a mean."""
+def _hall(mean: _Mean, law_skewness: float, widening: float, quantile: float, samples: int) -> Interval | None:
+    """Return Hall's interval relative to a mean, ``(below, above)``; None if the mean is too skewed."""
     skewness = mean.skewness
     # fmax ignores NaN, an unknown skewness
-    most = float(np.fmax(abs(skewness), abs(known) / math.sqrt(samples)))
-    if most > _MOST_SKEWED:
+    largest_skewness = float(np.fmax(abs(skewness), abs(law_skewness) / math.sqrt(samples)))
+    if largest_skewness > _MOST_SKEWED:
         return None
-    reach = quantile * widening / (1 - (most / _SKEWED_AWAY) ** 2)
-    below, above = (-mean.error * float(studentised(end, skewness)) for end in (reach, -reach))
+    half_width = quantile * widening / (1 - (largest_skewness / _SKEWED_AWAY) ** 2)
+    below, above = (-mean.error * float(studentised(end, skewness)) for end in (half_width, -half_width))
     return min(below, 0.0), max(above, 0.0)
 
 
 MOST_DIGITS = 6
-"""Digits printed of an exactly known number, such as the largest value seen."""
+"""Digits printed of an exactly known number, such as the largest sample; an error is rarely known to more."""
 
 _ROUNDING: Final = 1e-9
 """Ratio of interval to number below which the number counts as exact."""
@@ -270,7 +272,7 @@ _FINEST: Final = 17
 
 
 def significant_digits(value: float, half_width: float, *, most: int = MOST_DIGITS) -> int:
-    """Return how many significant digits, up to `most`, the interval's half-width (0 if exact) supports."""
+    """Return the number of significant digits, up to `most`, supported by the interval's half-width (0 if exact)."""
     if value == 0:
         return most if half_width == 0 else 0
     return max(0, _leading_place(value) - _last_place(value, half_width, most) + 1)
@@ -301,25 +303,25 @@ def format_inside(value: float | None, interval: tuple[float, float] | None, *, 
 
 def round_end(end: float, digits: int, *, up: bool) -> float:
     """Return a finite bound rounded up or down to significant digits."""
-    # its shortest decimal is rounded, so that 0.3, which is a little less in binary, is kept
+    # its shortest decimal is rounded, so that 0.3, slightly less in binary, stays 0.3
     exact = Decimal(repr(float(end)))
     place = Decimal(1).scaleb(exact.adjusted() - digits + 1)
     return float(exact.quantize(place, ROUND_CEILING if up else ROUND_FLOOR))
 
 
 def format_interval(low: float, high: float, per_si: float = 1.0) -> tuple[str, str]:
-    """Return the ends of an interval with two digits of its width, rounded outwards."""
-    # the factor `per_si` is applied in decimals, so that no end moves inwards
+    """Return the endpoints of an interval with two digits of its width, rounded outwards."""
+    # the factor `per_si` is applied in decimals, so that no endpoint moves inwards
     ends = [Decimal(end) * Decimal(per_si) for end in (low, high)]
     width = ends[1] - ends[0]
     place = Decimal(1).scaleb(width.adjusted() - 1 if width else ends[1].adjusted() - _EXACT_DIGITS)
-    below, above = (end.quantize(place, way) for end, way in zip(ends, (ROUND_FLOOR, ROUND_CEILING), strict=True))
+    below, above = (end.quantize(place, mode) for end, mode in zip(ends, (ROUND_FLOOR, ROUND_CEILING), strict=True))
     return f"{below + 0:f}", f"{above + 0:f}"
 
 
 def format_share(share: float, interval: tuple[float, float], required: float) -> tuple[str, str, str]:
-    """Return a share and the ends of its interval in per cent, the ends rounded outwards."""
-    # the decimals are those of the required share, and show at least two digits of the interval's width, so that the
+    """Return a fraction and the endpoints of its interval in per cent, the endpoints rounded outwards."""
+    # the decimals are those of the required fraction, and show at least two digits of the interval's width, so that the
     # texts agree with the verdict
     low, high = (Decimal(end) * 100 for end in interval)
     demand = Decimal(f"{100 * required:.10g}").normalize()
@@ -339,8 +341,8 @@ def _leading_place(value: float) -> int:
 
 def _last_place(value: float, half_width: float, most: int) -> int:
     supported = math.ceil(math.log10(half_width / 5)) if half_width > 0 else -math.inf
-    shown = _leading_place(value) - most + 1 if value != 0 else -math.inf
-    return int(max(supported, shown))
+    finest = _leading_place(value) - most + 1 if value != 0 else -math.inf
+    return int(max(supported, finest))
 
 
 @final

@@ -1,4 +1,4 @@
-"""The plan of an accumulation: centre, scale and specifications; and specifications written as text."""
+"""Plan of an accumulation: centre, scale and specifications; and specifications as text."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ NORMS: Final = (0, 4)
 COMPONENTS: Final = (1, 2, 3, 5, 6, 7)
 """Rows of the components, in the order of an error's six numbers [d; δ]."""
 
-# the words of a specification, then the symbols of the tables
+# words of a specification, then symbols of the tables
 _WORDS: Final = ("position x y z attitude rx ry rz", "|d| dx dy dz |δ| δx δy δz")
 
 QUANTITY_WORDS: Final = {
     word: name for words in _WORDS for word, name in zip(words.split(), QUANTITIES, strict=True)
 } | {name: name for name in QUANTITIES}
-"""Names of quantities that users may give."""
+"""Result names of the quantities by every name that users can write."""
 
 QUANTITY_PATTERN: Final = r"\|[^\s|@]++\||[^\W\d](?:[^\W\d]|\.(?=[^\W\d]))*+"
-"""Pattern of a word that may be such a name: no digits, so that a number may follow without a blank."""
+"""Pattern of a word that may be such a name: no digits, so that a number may follow without a space."""
 
 
 def quantity_name(quantity: str) -> str:
@@ -53,13 +53,15 @@ def si_quantity(quantity: str) -> Quantity:
 _RELATIVE_SCALE_WITHOUT_SPREAD = 2.0**-10
 _SCALE_WITHOUT_SPREAD = 2.0**-30
 _SMALLEST_SCALE = 2.0**-40
+"""Scales (m, rad) of quantities without spread: 1/1000 of the others' resolves second-order errors of a few mrad; if all
+are zero, 1e-9; and a minimum of 1e-12, the rounding of an arm of metres."""
 
 _OUTERMOST: Final = 2.0**8
-"""Outer end of the sketch's bins, in units of the scale."""
+"""Outer end of the sketch's bins, in units of the scale; `accumulate.HIGHEST_EXPONENT` sets it."""
 _WIDEST: Final = 2.0**6
 """Largest scale, in units of the observed spread: bins near the centre are then 1/64 of the spread wide."""
 _MARGIN: Final = 16.0
-"""Ratio of the bins' outer end to the farthest sample of a pilot."""
+"""Ratio of the bins' outer end to the farthest sample of a pilot: rare samples far outside the pilot still get a bin."""
 _NOISE: Final = 1e-12
 """Spreads below this fraction of the largest possible error count as rounding."""
 
@@ -69,8 +71,7 @@ class Specification:
     """Requirement that |quantity| ≤ limit with at least the required probability.
 
     Attributes:
-        quantity: One of `QUANTITIES`, or another of its names
-            (:func:`precision_pin.statistics.plan.quantity_name`).
+        quantity: One of `QUANTITIES`, by any of its names (:func:`precision_pin.statistics.plan.quantity_name`).
         limit: Largest absolute value allowed (inclusive), m or rad, or text such as ``"0.5 mm"``.
         required: Required probability, between 0 and 1 (both excluded: no sample can show 100 %).
 
@@ -112,7 +113,7 @@ class Specification:
 class Plan:
     """Centre and scale of the bins for each quantity, and the specifications to count.
 
-    Neither biases a result: they set how finely the sketch resolves a quantity and how many digits cancel in the sums.
+    Neither biases a result: they set the resolution of the sketch and the number of digits that cancel in the sums.
     Median and spread of a pilot's samples are good choices (`from_pilot`).
 
     Attributes:
@@ -121,8 +122,8 @@ class Plan:
             becomes 2⁻¹⁰ of the largest of its four (position or attitude), or 2⁻³⁰ if all four are zero; none is below
             2⁻⁴⁰.
         specifications: Specifications whose samples are counted exactly.
-        skewness: ``(8, 2)`` skewness of each quantity and of its squared deviation from the mean, from the laws; NaN
-            where unknown. The intervals of the moments allow for it even where the samples do not show it.
+        skewness: ``(8, 2)`` skewness of each quantity and of its squared deviation from the mean, from the laws; NaN if
+            unknown. The intervals of the moments allow for it even if the samples do not show it.
 
     Raises:
         InternalError: An array of another shape, a value that is not finite, or a negative spread.
@@ -140,10 +141,10 @@ class Plan:
             raise InternalError(f"a plan has eight centres and scales, not {centre.shape} and {spread.shape}")
         if not (np.isfinite(centre).all() and np.isfinite(spread).all() and (spread >= 0).all()):
             raise InternalError("a plan's centres must be finite and its scales finite and not negative")
-        for four in (slice(0, 4), slice(4, 8)):
-            largest = spread[four].max()
+        for rows in (slice(0, 4), slice(4, 8)):
+            largest = spread[rows].max()
             substitute = largest * _RELATIVE_SCALE_WITHOUT_SPREAD if largest > 0 else _SCALE_WITHOUT_SPREAD
-            spread[four] = np.where(spread[four] > 0, spread[four], substitute)
+            spread[rows] = np.where(spread[rows] > 0, spread[rows], substitute)
         # the nearest powers of two on a logarithmic scale
         mantissa, exponent = np.frexp(np.maximum(spread, _SMALLEST_SCALE))
         scale = np.ldexp(1.0, exponent - (mantissa < math.sqrt(0.5)))
@@ -159,33 +160,33 @@ class Plan:
 
         Args:
             values: ``(8, N)`` quantities of the samples, as `quantity_values` returns them.
-            reach: ``(6,)`` approximate largest deviation of each component from the centre; 0 where unknown.
+            reach: ``(6,)`` approximate largest deviation of each component from the centre; 0 if unknown.
             specifications: Specifications whose samples are counted exactly.
 
         The centre is the median. The spread s is that of the bulk: the smallest of interquartile range, 5 to 95 % range
         (each divided by that of a unit normal law) and standard deviation, ignoring zeros and mere rounding. The scale
-        is s; where errors exceed 256 s it is larger to cover them, but at most 64 s, so that the bulk stays resolved.
+        is s; if errors exceed 256 s, it is larger to cover them, but at most 64 s, so that the bulk stays resolved.
         Without spread in the samples, the scale follows from the reach alone.
         """
-        seen = np.asarray(values, dtype=float)
-        parts = np.asarray(reach, dtype=float)
-        ordered = np.sort(seen, axis=1)
+        pilot_values = np.asarray(values, dtype=float)
+        component_reach = np.asarray(reach, dtype=float)
+        ordered = np.sort(pilot_values, axis=1)
         ranks = [int(share * (ordered.shape[1] - 1)) for share in (0.05, 0.25, 0.5, 0.75, 0.95)]
         low, quarter, centre, three_quarters, high = ordered[:, ranks].T
-        spreads = np.stack([(three_quarters - quarter) / 1.349, (high - low) / 3.29, seen.std(axis=1)])
+        spreads = np.stack([(three_quarters - quarter) / 1.349, (high - low) / 3.29, pilot_values.std(axis=1)])
         farthest = _MARGIN * np.maximum(ordered[:, -1] - centre, centre - ordered[:, 0])
         scale = np.zeros(8)
         for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
-            whole = float(np.sqrt(parts[part] @ parts[part]))
-            for row, own in zip(range(norm, norm + 4), (whole, *parts[part]), strict=True):
-                rounding = _NOISE * max(whole, abs(float(ordered[row, 0])), abs(float(ordered[row, -1])))
-                shown = spreads[:, row][spreads[:, row] > rounding]
-                far = max(own, farthest[row]) / _OUTERMOST
-                if shown.size:
-                    spread = float(shown.min())
-                    scale[row] = min(max(far, spread), _WIDEST * spread)
+            vector_reach = float(np.sqrt(component_reach[part] @ component_reach[part]))
+            for row, row_reach in zip(range(norm, norm + 4), (vector_reach, *component_reach[part]), strict=True):
+                rounding = _NOISE * max(vector_reach, abs(float(ordered[row, 0])), abs(float(ordered[row, -1])))
+                resolved_spreads = spreads[:, row][spreads[:, row] > rounding]
+                covering_scale = max(row_reach, farthest[row]) / _OUTERMOST
+                if resolved_spreads.size:
+                    spread = float(resolved_spreads.min())
+                    scale[row] = min(max(covering_scale, spread), _WIDEST * spread)
                 else:
-                    scale[row] = max(far, whole / _OUTERMOST)
+                    scale[row] = max(covering_scale, vector_reach / _OUTERMOST)
         return cls(centre, scale, specifications)
 
     @classmethod
@@ -218,11 +219,12 @@ class Plan:
 
 
 DEFAULT_PROBABILITY: Final = 0.95
-"""Required probability of a specification without one."""
+"""Required probability of a specification without one: the coverage probability of the GUM's expanded uncertainty."""
 
+# possessive quantifiers: the time stays linear in the length of any text
 _FORM: Final = re.compile(rf"({QUANTITY_PATTERN})?\s*+(?:(?:<=|<|≤)\s*+)?(\S.*)", re.DOTALL)
 _LEAST_PER_CENT: Final = 0.01
-"""Smallest probability accepted in per cent; less is probably a ratio with a stray per cent sign."""
+"""Smallest probability accepted in per cent; smaller ones are probably ratios with a stray per cent sign."""
 
 Specifications = Specification | str | Sequence[Specification | str]
 """One or several limits, each as a specification or text."""
@@ -273,8 +275,8 @@ def specification(text: str) -> Specification:
     if not limit > 0:
         raise InputError(f"specification {text!r}: the limit must be positive")
     if not is_length and limit >= math.pi:
-        meant = "deg, or mrad" if unit == "rad" else "mrad"
-        raise InputError(f"specification {text!r}: no attitude error is larger than half a turn; did you mean {meant}?")
+        hint = "deg, or mrad" if unit == "rad" else "mrad"
+        raise InputError(f"specification {text!r}: no attitude error is larger than half a turn; did you mean {hint}?")
     return Specification(QUANTITY_WORDS[word], limit, required)
 
 
@@ -289,10 +291,10 @@ def _parse_required(text: str) -> float:
     return value
 
 
-def listed_specifications(given: Specifications) -> tuple[Specification, ...]:
+def listed_specifications(specifications: Specifications) -> tuple[Specification, ...]:
     """Return specifications as a tuple, texts parsed; raise InputError for other entries."""
-    if isinstance(given, Specification | str):
-        given = (given,)
-    if not isinstance(given, list | tuple):
-        raise InputError(f"specifications must be a list of specifications or of texts, got {shown(given)}")
-    return tuple(one if isinstance(one, Specification) else specification(one) for one in given)
+    if isinstance(specifications, Specification | str):
+        specifications = (specifications,)
+    if not isinstance(specifications, list | tuple):
+        raise InputError(f"specifications must be a list of specifications or of texts, got {shown(specifications)}")
+    return tuple(entry if isinstance(entry, Specification) else specification(entry) for entry in specifications)

@@ -20,7 +20,7 @@ from precision_pin.statistics.intervals import check_confidence, clopper_pearson
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, quantity_name
 
 NO_SPREAD: Final = 1e-12
-"""Differences below this value (m, rad) count as rounding, for an arm of metres."""
+"""Differences below this value (m, rad) count as rounding: some thousand roundings of coordinates of metres (2e-16)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +72,13 @@ class Summary(Record):
     largest_attitude: tuple[Extreme, ...]
 
     def with_grounds(self, grounds: Grounds) -> Summary:
-        """Return the statistics with these grounds in the verdicts on the specifications."""
-        return replace(self, specifications=tuple(replace(one, grounds=grounds) for one in self.specifications))
+        """Return the statistics with these grounds of the verdicts on the specifications."""
+        return replace(self, specifications=tuple(replace(result, grounds=grounds) for result in self.specifications))
 
     @cached_property
     @returns_read_only
     def covariance_interval(self) -> Array | None:
-        """Ends of the intervals of the covariances, ``(6, 6, 2)``, NaN where not resolved; None for one sample.
+        """Endpoints of the intervals of the covariances, ``(6, 6, 2)``, NaN if not resolved; None for one sample.
 
         The accumulated statistics only bound the variance of (x - E x)(y - E y), by Cauchy-Schwarz: at most the root of
         the product of the fourth moments minus the square of the covariance. The intervals therefore cover more often
@@ -88,16 +88,16 @@ class Summary(Record):
         if self.covariance is None:
             return None
         parts = [self.distribution(QUANTITIES[row]).moments for row in COMPONENTS]
-        found = np.full((6, 6, 2), np.nan)
+        intervals = np.full((6, 6, 2), np.nan)
         resolved = [k for k, part in enumerate(parts) if part.variance_interval is not None]
         for i, j in itertools.product(resolved, resolved):
-            one, other, covariance = parts[i], parts[j], self.covariance[i, j]
-            fourth = math.sqrt(one.fourth_moment * other.fourth_moment)
-            spread = math.sqrt(max(fourth - covariance**2, 0.0) / one.samples)
-            half = max(one.standard_errors, other.standard_errors) * spread
-            half += one.mean_half_width * other.mean_half_width
-            found[i, j] = one.variance_interval if i == j else (covariance - half, covariance + half)
-        return found
+            first, second, covariance = parts[i], parts[j], self.covariance[i, j]
+            fourth = math.sqrt(first.fourth_moment * second.fourth_moment)
+            spread = math.sqrt(max(fourth - covariance**2, 0.0) / first.samples)
+            half = max(first.standard_errors, second.standard_errors) * spread
+            half += first.mean_half_width * second.mean_half_width
+            intervals[i, j] = first.variance_interval if i == j else (covariance - half, covariance + half)
+        return intervals
 
     def distribution(self, quantity: str) -> Distribution:
         """Return the distribution of a quantity by any of its names, or raise UnknownNameError."""
@@ -113,15 +113,15 @@ class Summary(Record):
 def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
     """Return a mask ``(8,)`` of the quantities that vary, in the samples or to first order.
 
-    ``spread`` ``(6,)`` are first-order standard deviations of the components; they include rare values that no sample
-    has.
+    ``spread`` ``(6,)`` are first-order standard deviations of the components; they include rare values beyond the
+    samples.
     """
-    seen: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
+    is_varying: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
     if spread is not None:
-        seen[list(COMPONENTS)] |= np.asarray(spread) > NO_SPREAD
+        is_varying[list(COMPONENTS)] |= np.asarray(spread) > NO_SPREAD
     # a norm counts as varying with its components: errors on a circle have a constant norm
-    seen[list(NORMS)] |= seen[list(COMPONENTS)].reshape(2, 3).any(axis=1)
-    return seen
+    is_varying[list(NORMS)] |= is_varying[list(COMPONENTS)].reshape(2, 3).any(axis=1)
+    return is_varying
 
 
 def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayLike | None = None) -> Summary:
@@ -156,10 +156,10 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
             for ends in (occupied, occupied + 1)
         )
         std = None if deviations is None else float(deviations[row])
-        known = float(plan.skewness[row, 0]), float(plan.skewness[row, 1])
+        skewness = float(plan.skewness[row, 0]), float(plan.skewness[row, 1])
         moments = float(means[row]), std, lowest, highest
         distributions.append(
-            Distribution(quantity, state.count, confidence, *moments, lower, upper, cumulative, skewness=known)
+            Distribution(quantity, state.count, confidence, *moments, lower, upper, cumulative, skewness=skewness)
         )
     results = []
     for spec, inside in zip(plan.specifications, state.inside.tolist(), strict=True):
@@ -181,8 +181,8 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
 
 
 def _extremes(state: State, row: int) -> tuple[Extreme, ...]:
-    found = zip(state.largest_units[row].tolist(), state.largest[row].tolist(), strict=True)
-    return tuple(Extreme(sample, value) for sample, value in found if sample >= 0)
+    pairs = zip(state.largest_units[row].tolist(), state.largest[row].tolist(), strict=True)
+    return tuple(Extreme(sample, value) for sample, value in pairs if sample >= 0)
 
 
 def _covariance(state: State) -> Array | None:
@@ -218,8 +218,8 @@ def judge(*, holds: bool, fails: bool, varies: bool = True) -> Verdict:
 
     Args:
         holds, fails: Whether the whole interval of the probability is at least the required probability, or below it.
-        varies: Whether the quantity differs from robot to robot. If not, no tolerance acts on it, and being inside
-            proves nothing.
+        varies: Whether the quantity differs from robot to robot. If not, no tolerance acts on it, and a value inside
+            the limit proves nothing.
     """
     if fails:
         return "not met"
@@ -232,8 +232,8 @@ def capability_index(inside: float) -> float:
     """Return Φ⁻¹(P)/3: the Cpk of a normal characteristic with one limit and the fraction P inside it.
 
     This is a third of the benchmark Z of process capability (Bothe, *Measuring Process Capability*, 1997). It depends
-    on the fraction alone, so it applies to any law, and to two limits, whose tails are added. 1 is 99.865 %, 1.33 is
-    99.9968 %; infinite for a fraction of 0 or 1.
+    on the fraction alone, so it applies to any distribution, and to two limits, whose tails are added. 1 is 99.865 %,
+    1.33 is 99.9968 %; infinite for a fraction of 0 or 1.
     """
     if not 0 < inside < 1:
         return math.copysign(math.inf, inside - 0.5)
@@ -242,14 +242,14 @@ def capability_index(inside: float) -> float:
 
 @dataclass(frozen=True)
 class Grounds(Record):
-    """What a verdict rests on besides the samples.
+    """Conditions of a verdict other than the samples.
 
     Attributes:
-        not_judged: Why nothing is judged, such as a joint outside its limits; empty if a verdict can be given.
+        not_judged: Reason for no verdict, such as a joint outside its limits; empty if a verdict can be given.
         exact: Sources and parameters whose laws a change of the sheet has replaced by single values.
         both: Absolute values of the eight quantities of the same robots by the linear and by the exact model, ``(8, n)``
-            each, where the linear one is sampled; a result turns them into ``linear``, how far the two differ.
-        remedy: What would give a verdict.
+            each, if the linear one is sampled; a result converts them to ``linear``, the text of their difference.
+        remedy: Option that gives a verdict.
     """
 
     KEYS: ClassVar[Keys] = ("judged=_judged", "why_not_judged=_reason", "taken_as_exact=exact", "linear_model=linear")
@@ -258,39 +258,37 @@ class Grounds(Record):
     exact: tuple[str, ...] = ()
     both: tuple[Array, Array] | None = field(default=None, compare=False, repr=False)
     linear: str | None = None
-    remedy: str = "--beyond-limits judges all the same"
+    remedy: str = "--beyond-limits gives a verdict"
 
     def of_linear(self, result: SpecificationResult) -> Grounds:
-        """Return the grounds of a result of the linear model, not judged where the exact one may say otherwise."""
+        """Return the grounds of a result of the linear model, not judged if the exact model may give another verdict."""
         assert self.both is not None
         linear, exact = (values[QUANTITIES.index(result.quantity)] for values in self.both)
-        kept, apart = linear <= result.limit, float(np.abs(linear - exact).max())
-        crossed = kept != (exact <= result.limit)
+        is_inside, gap = linear <= result.limit, float(np.abs(linear - exact).max())
+        is_crossing = is_inside != (exact <= result.limit)
         unit = "mm" if result.quantity.startswith("position") else "mrad"
-        text = (
-            f"{1e3 * apart:.3g} {unit} from the exact one, {crossed.sum():,} of {kept.size:,} robots on the other side"
-        )
-        # at most so many leave, or enter, the limits
-        leave, enter = (
-            clopper_pearson(int((crossed & side).sum()), kept.size, 0.95)[1] if apart > NO_SPREAD else 0.0
-            for side in (kept, ~kept)
+        text = f"{1e3 * gap:.3g} {unit} from the exact one, {is_crossing.sum():,} of {is_inside.size:,} robots on the other side"
+        # upper bounds of the fractions of robots that leave, or enter, the limits
+        leaving, entering = (
+            clopper_pearson(int((is_crossing & side).sum()), is_inside.size, 0.95)[1] if gap > NO_SPREAD else 0.0
+            for side in (is_inside, ~is_inside)
         )
         low, high = result.interval
-        changes = {"met": low - leave < result.required, "not met": high + enter >= result.required}
+        changes = {"met": low - leaving < result.required, "not met": high + entering >= result.required}
         if not changes.get(result.verdict, False):
             return replace(self, both=None, linear=text)
-        why = f"the linear model is up to {text}"
-        return replace(self, both=None, linear=text, not_judged=why, remedy="--model exact judges")
+        reason = f"the linear model is up to {text}"
+        return replace(self, both=None, linear=text, not_judged=reason, remedy="--model exact judges")
 
     def said(self, verdict: Verdict) -> str:
-        """Return a verdict in capitals, with the reason for not judging or with what it takes as exact."""
+        """Return a verdict in capitals, with the reason for no verdict or the tolerances taken as exact."""
         if verdict == "not judged":
             return f"NOT JUDGED: {self.why}"
         return f"{verdict.upper()}{self.taken if verdict == 'met' else ''}"
 
     @property
     def why(self) -> str:
-        """Why nothing is judged, and how to judge all the same; empty if a verdict can be given."""
+        """Reason for no verdict, and the option that gives one; empty if a verdict can be given."""
         return f"{self.not_judged}; {self.remedy}" if self.not_judged else ""
 
     @property
@@ -344,9 +342,9 @@ class SpecificationResult(Record):
     def verdict(self) -> Verdict:
         """Verdict on the specification.
 
-        ``"met"`` if the lower end of the interval is at least the required probability, ``"not met"`` if the upper end
-        is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not vary;
-        ``"not judged"`` where :attr:`grounds` give a reason, whatever the samples say.
+        ``"met"`` if the lower endpoint of the interval is at least the required probability, ``"not met"`` if the upper
+        endpoint is below it, otherwise ``"undecided"``; ``"nothing to judge"`` if the quantity is inside but does not
+        vary; ``"not judged"`` if :attr:`grounds` give a reason, whatever the samples.
         """
         if self.grounds.not_judged:
             return "not judged"
@@ -360,7 +358,7 @@ class SpecificationResult(Record):
 
     @property
     def said(self) -> str:
-        """The verdict in capitals, with the reason for not judging or with what it takes as exact."""
+        """The verdict in capitals, with the reason for no verdict or the tolerances taken as exact."""
         return self.grounds.said(self.verdict)
 
     @property

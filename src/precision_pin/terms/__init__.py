@@ -1,6 +1,6 @@
-"""Terms of the error model at a pose (displacements of places times random numbers), and their table.
+"""Terms of the error model at a pose (displacements of places times random parameters), and their table.
 
-Also all names that the class of a source is written with.
+Also all names needed to write the class of a source.
 """
 
 from precision_pin.base import units as units

@@ -1,4 +1,4 @@
-"""Error sources, from settings to terms. Only this module inspects a source's settings for draws and quantities."""
+"""Error sources, from settings to terms. Only this module inspects the settings of sources for draws and quantities."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from precision_pin.robot.places import Factors, Load
 from precision_pin.terms.term import Term
 
 Dependence = Literal["chain", "configuration", "loads"]
-"""What a source reads of a posture: its chain; also the joint values; or also the loads."""
+"""Parts of a posture that a source depends on: the chain; also the joint values; or also the loads."""
 
 
 @dataclass(frozen=True)
 class SettingField:
-    """A setting of a source, or of a part of a setting; ``default`` is :data:`dataclasses.MISSING` if required."""
+    """Setting of a source, or of a part of a setting; ``default`` is :data:`dataclasses.MISSING` if required."""
 
     name: str
     hint: Any
@@ -46,7 +46,7 @@ class SettingField:
 
     @property
     def part(self) -> type | None:
-        """The data class of the entries if it is a list of such, else ``None``."""
+        """The data class of the entries if it is a list of data classes, else ``None``."""
         entry = next(iter(typing.get_args(self.hint)), None) if typing.get_origin(self.hint) is tuple else None
         return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
 
@@ -67,10 +67,10 @@ def setting_fields(kind: type) -> tuple[SettingField, ...]:
 def setting_meanings(kind: type) -> dict[str, str]:
     """Return the meaning of each setting on one line, from the section Attributes of the class docstring."""
     section = re.search(r"^Attributes:\n(.*?)(?:\n\n\S|\Z)", inspect.getdoc(kind) or "", re.DOTALL | re.MULTILINE)
-    found: dict[str, str] = {}
+    meanings: dict[str, str] = {}
     for names, text in re.findall(r"^    (\S[^:]*): (.*(?:\n     .*)*)", section[1] if section else "", re.MULTILINE):
-        found |= dict.fromkeys(names.split(", "), " ".join(text.replace("``", "`").split()))
-    return found
+        meanings |= dict.fromkeys(names.split(", "), " ".join(text.replace("``", "`").split()))
+    return meanings
 
 
 def takes_law(hint: Any) -> bool:
@@ -79,12 +79,12 @@ def takes_law(hint: Any) -> bool:
 
 
 @dataclass(eq=False, slots=True)
-class _Leaf:
-    """One value among the settings of a source.
+class _SettingValue:
+    """Value in the settings of a source.
 
     Attributes:
         name: ``kind[subject].field``, or in a part of a setting ``kind[subject].field[0].field``.
-        owner, entry: The class whose field holds it, and the field's name.
+        owner, entry: Class of the field that holds it, and name of the field.
     """
 
     name: str
@@ -106,7 +106,9 @@ class _Leaf:
     @property
     def draw(self) -> Draw | None:
         """The draw in the setting, if any."""
-        if self.value is None or isinstance(self.value, str | float):  # most settings, and an abstract class is slow
+        if self.value is None or isinstance(
+            self.value, str | float
+        ):  # most settings; checking abstract classes is slow
             return None
         if isinstance(self.value, Draw):
             return self.value if self.value.name else dataclasses.replace(self.value, name=self.name)
@@ -118,7 +120,7 @@ class _Leaf:
         return next((note for note in self.field.notes if isinstance(note, Quantity | PerJoint)), None)
 
     def numbers(self) -> dict[str, Quantity | PerJoint | None]:
-        """Return the random numbers that the value draws, uses or names, with their quantities."""
+        """Return the components that the value draws, uses or names, with their quantities."""
         if isinstance(self.value, str):
             return {self.value: self.quantity} if self.field.may_be_random else {}
         if isinstance(self.value, Expression):
@@ -127,16 +129,16 @@ class _Leaf:
         return {} if self.draw is None else dict.fromkeys(self.draw.components, self.quantity)
 
 
-def _leaves(part: Any, label: str) -> Iterator[_Leaf]:
+def _setting_values(part: Any, label: str) -> Iterator[_SettingValue]:
     """Yield every value in the settings, including entries of lists and values in parts of settings."""
     owner: type = type(part)
     for name in _field_names(owner):
         setting = getattr(part, name)
         for k, value in enumerate(setting if isinstance(setting, tuple) else (setting,)):
             if dataclasses.is_dataclass(value) and not isinstance(value, Draw | Law | Expression):
-                yield from _leaves(value, f"{label}.{name}[{k}]")
+                yield from _setting_values(value, f"{label}.{name}[{k}]")
             else:
-                yield _Leaf(f"{label}.{entry_name(name, k)}", value, owner, name)
+                yield _SettingValue(f"{label}.{entry_name(name, k)}", value, owner, name)
 
 
 @cache
@@ -150,37 +152,37 @@ def _kind(name: str) -> str:
 
 
 class Source(ABC):
-    """An error source, which makes terms from its settings.
+    """Error source: computes terms from its settings.
 
-    Subclasses are final, frozen data classes whose fields are the settings; the docstring holds the physics with
-    equation and reference. A source reads the posture and its own draws, and does not depend on the users of its terms.
+    Subclasses are final, frozen data classes whose fields are the settings; the docstring states the physics with
+    equation and reference. A source reads the posture and its draws, and does not depend on the users of its terms.
     """
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make every source check its plain settings before its own ``__post_init__``."""
+        """Make every source check its plain settings before the ``__post_init__`` of its class."""
         super().__init_subclass__(**options)
-        own_checks: Callable[[Any], None] | None = getattr(cls, "__post_init__", None)
+        class_checks: Callable[[Any], None] | None = getattr(cls, "__post_init__", None)
 
         def __post_init__(self: Source) -> None:
             _check_plain_settings(self)
-            if own_checks is not None:
-                own_checks(self)
+            if class_checks is not None:
+                class_checks(self)
             _check_finite_settings(self)
 
         cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
 
     @property
     def subject(self) -> str:
-        """What its label names: the first given of the settings ``joint``, ``link``, ``frame`` and ``at``."""
-        named = (getattr(self, setting, None) for setting in ("joint", "link", "frame", "at"))
-        return next((name for name in named if name), "")
+        """Name in its label: the first non-empty of the settings ``joint``, ``link``, ``frame`` and ``at``."""
+        names = (getattr(self, setting, None) for setting in ("joint", "link", "frame", "at"))
+        return next((name for name in names if name), "")
 
     @property
     def depends_on(self) -> Dependence:
-        """What the source reads of a posture: the ``chain``, also the ``configuration``, or also the ``loads``.
+        """Parts of a posture that the source depends on: the ``chain``, also the ``configuration``, or also the ``loads``.
 
-        For ``chain``, terms, loads and gravity are the same to the last digit at every posture and computed once. For
-        ``configuration``, terms are the same under all loads and on the deflected arm. ``loads`` is always safe.
+        For ``chain``, terms, loads and gravity are equal to the last digit at every posture and computed once. For
+        ``configuration``, terms are equal under all loads and on the deflected arm. ``loads`` is always safe.
         """
         return "loads"
 
@@ -190,15 +192,15 @@ class Source(ABC):
     def accepts_many(self, chain: Chain) -> bool:
         """Return whether :meth:`terms` also takes a posture of P configurations of a chain, which makes maps faster.
 
-        Targets and factors are then the same at all of them, and twists get a last dimension of P. Loads and gravity do
-        not depend on the configuration, and nothing depends on the approach. False is always safe.
+        Targets and factors are then equal at all configurations, and twists get a last dimension of P. Loads and gravity
+        do not depend on the configuration, and nothing depends on the approach. False is always safe.
         """
         return self.takes_many or self.depends_on == "chain"
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
-        """Return whether its terms are the same at every posture of a chain, to rounding.
+        """Return whether its terms are equal at every posture of a chain, to rounding.
 
-        True also for some sources that read the configuration, such as along a direction fixed in their own link.
+        True also for some sources that read the configuration, such as along a direction fixed in their link.
         """
         return self.depends_on == "chain"
 
@@ -208,55 +210,55 @@ class Source(ABC):
 
         Args:
             posture: The chain at its nominal configuration, with all loads on it.
-            space: The space of the source, which gives the values of its settings.
+            space: The space of the source, with the values of its settings.
         """
 
     def loads(self, posture: Posture, space: LabelledSpace) -> Iterator[Load]:
-        """Yield the weights that the source adds to the chain; none by default."""
+        """Yield the weights that the source adds to the chain (default: none)."""
         return iter(())
 
     def gravity(self, posture: Posture, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
-        """Yield additions to gravity: vectors ``(3,)``, base axes, m/s², with their factors; none by default."""
+        """Yield additions to gravity: vectors ``(3,)``, base axes, m/s², with their factors (default: none)."""
         return iter(())
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
-        """Yield warnings about settings that are allowed but probably unintended; none by default."""
+        """Yield warnings about settings that are allowed but probably unintended (default: none)."""
         return iter(())
 
     def after(self, seconds: float, space: LabelledSpace) -> Source:
-        """Return the source ``seconds`` after a cold start, with the same draws; itself if time changes nothing."""
+        """Return the source ``seconds`` after a cold start, with equal draws; itself if time has no effect."""
         return self
 
     is_put_down: ClassVar[bool] = False
-    """Whether it is a load that the arm can put down, such as a payload."""
+    """Whether the arm can put it down, as a payload."""
 
     deviations: ClassVar[tuple[str, ...]] = ()
-    """Settings that are deviations from nominal: a plain number other than zero is a constant error."""
+    """Settings that are deviations from nominal: a nonzero plain number is a constant error."""
 
     is_dimensional: ClassVar[bool] = False
-    """Whether its `deviations`, or else its own draws, are errors of the arm's dimensions, as a maker measures them."""
+    """Whether its `deviations`, or else its draws, are errors of the arm's dimensions, which a manufacturer can measure."""
 
     def without_dimensions(self, label: str, scopes: Mapping[str, Scope]) -> Source | None:
-        """Return the source without the dimensional errors that each robot has once; None if nothing is left.
+        """Return the source without the dimensional errors of unit scope; None if no error remains.
 
-        ``scopes`` are those of all random numbers, by name.
+        ``scopes`` are the scopes of all components, by name.
         """
         if not self.is_dimensional:
             return self
-        own, changed = self.own_draws(label), {}
-        left = bool(own) if self.deviations else any(draw.scope is not Scope.UNIT for draw in own)
+        source_draws, changed = self.own_draws(label), {}
+        remains = bool(source_draws) if self.deviations else any(draw.scope is not Scope.UNIT for draw in source_draws)
         for name in self.deviations:
-            leaves = [leaf for leaf in _leaves(self, label) if leaf.entry == name]
-            again = tuple(
+            leaves = [leaf for leaf in _setting_values(self, label) if leaf.entry == name]
+            values = tuple(
                 leaf.value for leaf in leaves if any(scopes[number] is not Scope.UNIT for number in leaf.numbers())
             )
             value = getattr(self, name)
-            left = left or bool(again)
-            changed[name] = again if isinstance(value, tuple) else again[0] if again else value and 0.0
-        return dataclasses.replace(self, **changed) if left else None  # type: ignore[type-var]
+            remains = remains or bool(values)
+            changed[name] = values if isinstance(value, tuple) else values[0] if values else value and 0.0
+        return dataclasses.replace(self, **changed) if remains else None  # type: ignore[type-var]
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return the draws, with quantities, that the source defines besides the laws in its settings."""
+        """Return further draws of the source, with quantities, besides the laws in its settings."""
         return ()
 
     @classmethod
@@ -265,17 +267,17 @@ class Source(ABC):
         return _kind(cls.__name__)
 
     words: ClassVar[Mapping[str, str]] = {}
-    """Texts for settings and own draws, with ``{subject}`` or other settings; else kind, setting and subject."""
+    """Texts for settings and further draws, with ``{subject}`` or other settings; else kind, setting and subject."""
 
     def describe(self, setting: str) -> str:
-        """Return the description of a setting (``rz``, ``segments[0].wall``) or of an own draw."""
+        """Return the description of a setting (``rz``, ``segments[0].wall``) or of a further draw."""
         first, *parts = re.sub(r"\[(\d+)\]", lambda index: f" {int(index[1]) + 1}", setting).split(".")
         name, _, number = first.partition(" ")
         if name in self.words and not parts:
-            described = self.words[name].format(subject=self.subject, **self.settings())
-            return f"{described} ({number})" if number not in ("", "1") else described
-        said = " of ".join([*reversed(parts), first]).replace("_", " ")
-        return f"{self.kind().replace('_', ' ')} {said} of {self.subject}"
+            text = self.words[name].format(subject=self.subject, **self.settings())
+            return f"{text} ({number})" if number not in ("", "1") else text
+        phrase = " of ".join([*reversed(parts), first]).replace("_", " ")
+        return f"{self.kind().replace('_', ' ')} {phrase} of {self.subject}"
 
     def label(self) -> str:
         """Return ``kind[subject]``, the prefix of the names of its unnamed draws."""
@@ -286,41 +288,41 @@ class Source(ABC):
         return {name: getattr(self, name) for name in _field_names(type(self))}
 
     def draws(self, label: str) -> tuple[Draw, ...]:
-        """Return every draw of the source that the model does not name: laws in its settings, and own draws."""
-        held = [leaf.draw for leaf in _leaves(self, label)]
-        return (*(draw for draw in held if draw is not None), *self.own_draws(label))
+        """Return the draws that the source adds to the model: laws in its settings, and further draws."""
+        setting_draws = [leaf.draw for leaf in _setting_values(self, label)]
+        return (*(draw for draw in setting_draws if draw is not None), *self.own_draws(label))
 
     def places(self, label: str) -> dict[str, str]:
-        """Return, for each random number the source uses, its setting or own draw.
+        """Return, for each component that the source uses, its setting or further draw.
 
         Raises:
-            InputError: The types of its settings cannot be found.
+            InputError: The types of its settings are unknown.
         """
-        found = [(name, leaf.name) for leaf in _leaves(self, label) for name in leaf.numbers()]
-        found += [(name, draw.name) for draw in self.own_draws(label) for name in draw.components]
-        first = dict(reversed(found))
-        return {name: first[name].removeprefix(f"{label}.") for name, _ in found}
+        pairs = [(name, leaf.name) for leaf in _setting_values(self, label) for name in leaf.numbers()]
+        pairs += [(name, draw.name) for draw in self.own_draws(label) for name in draw.components]
+        places = dict(reversed(pairs))
+        return {name: places[name].removeprefix(f"{label}.") for name, _ in pairs}
 
     def numbers(self, label: str) -> dict[str, Quantity | PerJoint | None]:
-        """Return every random number the source uses with its quantity, None if no setting gives one.
+        """Return the components that the source uses with their quantities, None if no setting gives one.
 
-        These are its own draws and the numbers that its settings hold or name, also in parts of settings and formulas.
+        They are those of its draws, and those that its settings name, also in parts of settings and formulas.
 
         Raises:
-            InputError: The types of its settings cannot be found.
+            InputError: The types of its settings are unknown.
         """
-        found: dict[str, Quantity | PerJoint | None] = {}
-        for leaf in _leaves(self, label):
+        quantities: dict[str, Quantity | PerJoint | None] = {}
+        for leaf in _setting_values(self, label):
             for name, quantity in leaf.numbers().items():
-                found[name] = found.get(name) or quantity
+                quantities[name] = quantities.get(name) or quantity
         for draw in self.own_draws(label):
-            for name, own in itertools.zip_longest(draw.components, draw.quantities):
-                found[name] = found.get(name) or own
-        return found
+            for name, stated in itertools.zip_longest(draw.components, draw.quantities):
+                quantities[name] = quantities.get(name) or stated
+        return quantities
 
 
 def _check_plain_settings(source: Source) -> None:
-    """Check the types of settings declared as numbers, text or lists; each kind then checks the values."""
+    """Check the types of settings declared as numbers, text or lists; each class then checks the values."""
     for field in dataclasses.fields(source):  # type: ignore[arg-type]
         value, declared = getattr(source, field.name), str(field.type).removeprefix("Annotated[")
         if value is None and "| None" in declared:
@@ -337,7 +339,7 @@ def _check_plain_settings(source: Source) -> None:
 
 
 def _check_finite_settings(source: Source) -> None:
-    """Raise if a number is infinite or NaN, which a kind's own checks may have accepted."""
+    """Raise if a number is infinite or NaN, which the checks of a class may have accepted."""
     for field in dataclasses.fields(source):  # type: ignore[arg-type]
         value = getattr(source, field.name)
         if isinstance(value, float) and str(field.type).removeprefix("Annotated[").startswith("float"):
@@ -345,7 +347,7 @@ def _check_finite_settings(source: Source) -> None:
 
 
 def fix_settings(source: Source) -> Source:
-    """Return a source whose settings cannot be changed from outside: lists as tuples, arrays as copies."""
+    """Return a source with immutable settings: lists as tuples, arrays as read-only copies."""
     if not dataclasses.is_dataclass(source):
         raise InputError(f"a source must be a frozen data class, got {shown(source)}")
     check_choice(f"depends_on of {source.label()}", source.depends_on, typing.get_args(Dependence))

@@ -24,8 +24,7 @@ from precision_pin.terms.term import MOST_FACTORS, JointValue, Target, Term
 class TermTable(Fixed):
     """Displacements of targets as products of parameters.
 
-    A joint value is a target like any other: its pivot is the joint's frame after its motion, its twist is along the
-    axis.
+    Joint values are targets too: the pivot is the joint's frame after its motion, the twist is along the axis.
 
     Attributes:
         pose: Nominal tip in the base, ``(4, 4)``.
@@ -48,8 +47,8 @@ class TermTable(Fixed):
     @classmethod
     def build(cls, posture: Posture, space: Space, terms: Iterable[Term]) -> TermTable:
         """Return the table of terms at a posture, in chain order."""
-        listed = tuple(terms)
-        return TableLayout.of(listed, space).at(posture, listed)
+        term_tuple = tuple(terms)
+        return TableLayout.of(term_tuple, space).at(posture, term_tuple)
 
     @cached_property
     @returns_read_only
@@ -69,7 +68,7 @@ class TermTable(Fixed):
         return result
 
     def products(self, parameters: Array) -> Array:
-        """Return each term's product of factors, ``(T, N)``, for parameters ``(P, N)``."""
+        """Return the product of factors of each term, ``(T, N)``, for parameters ``(P, N)``."""
         # index -1, for no factor, reads the appended 1
         padded = np.concatenate([parameters, np.ones((1, parameters.shape[1]))])
         return np.prod(padded[self.factors], axis=1)
@@ -95,9 +94,9 @@ class TermTable(Fixed):
         )
         counts = sizes[self.factors].ravel()
         entry = np.repeat(np.arange(counts.size), counts)
-        place = begins[self.factors].ravel()[entry] + np.arange(entry.size) - (np.cumsum(counts) - counts)[entry]
+        slots = begins[self.factors].ravel()[entry] + np.arange(entry.size) - (np.cumsum(counts) - counts)[entry]
         rows, columns, slopes = _sum_entries(
-            entry // MOST_FACTORS, components[place], (derivatives[place] * others.ravel()[entry])[None], mean.size
+            entry // MOST_FACTORS, components[slots], (derivatives[slots] * others.ravel()[entry])[None], mean.size
         )
         return rows, columns, slopes[0]
 
@@ -122,7 +121,7 @@ class SlopeColumns(Fixed):
 def _sum_entries(
     rows: NDArray[np.intp], columns: NDArray[np.intp], values: Array, width: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Return a matrix's entries sorted by row and column; values ``(n, E)`` of one place are added in their order."""
+    """Return the entries of a matrix sorted by row and column; values ``(n, E)`` of equal place are added in order."""
     keys, number = np.unique(rows * width + columns, return_inverse=True)
     sums = np.array([np.bincount(number, weights=value, minlength=keys.size) for value in values])
     return keys // max(width, 1), keys % max(width, 1), sums
@@ -130,9 +129,9 @@ def _sum_entries(
 
 @dataclass(frozen=True, eq=False)
 class TableLayout(Fixed):
-    """What the tables of one model at different poses share: all but twists and frames.
+    """Common part of the tables of a model at different poses: all but twists and frames.
 
-    The tables share its arrays, by which the sampler recognises the layout.
+    The tables share its arrays; the sampler recognises the layout by them.
 
     Attributes:
         targets, program, target, factors: As in :class:`TermTable`.
@@ -153,12 +152,12 @@ class TableLayout(Fixed):
         by_key: dict[_Order, Target] = {}
         keys = [_chain_order(term.target) for term in terms]
         for key, term in zip(keys, terms, strict=True):
-            known = by_key.setdefault(key, term.target)
-            if not _is_same(known, term.target):
-                raise InternalError(f"two different places at one point of the chain: {known}, {term.target}")
-        ordered = sorted(by_key)
-        numbers = {key: k for k, key in enumerate(ordered)}
-        targets = tuple(by_key[key] for key in ordered)
+            first_target = by_key.setdefault(key, term.target)
+            if not _is_same(first_target, term.target):
+                raise InternalError(f"two different places at one point of the chain: {first_target}, {term.target}")
+        order = sorted(by_key)
+        numbers = {key: k for k, key in enumerate(order)}
+        targets = tuple(by_key[key] for key in order)
         parameters: dict[Expression, int] = {}
         factors = np.full((len(terms), MOST_FACTORS), -1, dtype=np.intp)
         for row, term in enumerate(terms):
@@ -170,7 +169,7 @@ class TableLayout(Fixed):
             program=Program.compile(list(parameters), space.index),
             target=np.array([numbers[key] for key in keys], dtype=np.intp),
             factors=factors,
-            links=np.array([key[0] for key in ordered], dtype=np.intp),
+            links=np.array([key[0] for key in order], dtype=np.intp),
             places=np.array([getattr(target, "frame", np.eye(4)) for target in targets]).reshape(-1, 4, 4),
         )
 
@@ -222,16 +221,16 @@ _Order = tuple[int, int, int, str]
 
 def _chain_order(target: Target) -> _Order:
     """Return the sort key of a target along the chain: a joint before all places of the link it moves."""
-    # places of different sources may have the same rank, so their names break ties
+    # places of different sources may have equal rank, so their names break ties
     if isinstance(target, JointValue):
         return (target.joint + 1, -1, 0, "")
     return (target.link, *target.order, target.name)
 
 
-def is_alike(one: Term, other: Term) -> bool:
+def is_alike(first: Term, second: Term) -> bool:
     """Return whether two terms have the same target and factors."""
-    return one is other or (one.factors == other.factors and _is_same(one.target, other.target))
+    return first is second or (first.factors == second.factors and _is_same(first.target, second.target))
 
 
-def _is_same(one: Target, other: Target) -> bool:
-    return one is other or (one.is_same(other) if isinstance(one, Place) else one == other)
+def _is_same(first: Target, second: Target) -> bool:
+    return first is second or (first.is_same(second) if isinstance(first, Place) else first == second)

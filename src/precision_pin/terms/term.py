@@ -1,4 +1,4 @@
-"""Terms: displacements of places or joint values that random numbers multiply.
+"""Terms: displacements of places or joint values, multiplied by random parameters.
 
     term = (target, twist, factors)      displacement of target += twist × product of the factors
 
@@ -26,7 +26,7 @@ from precision_pin.draws.space import Space
 from precision_pin.robot.places import Factors, Place
 
 MOST_FACTORS = 3
-"""Most parameters in one term."""
+"""Maximum number of parameters in a term, the width of the term table; longer products become formulas."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Term:
         twist: ``(1[, P])`` for a joint value (rad or m), ``(6[, P])`` ``[d; δ]`` in a place's axes; P for a posture of
             P configurations.
         factors: At most three parameters.
-        loaded: True if a load causes it, so that it depends on where the loads act.
+        loaded: True if a load causes it, so that it depends on the location of the loads.
 
     Raises:
         InputError: More than three factors, or a twist of the wrong size or not finite.
@@ -86,7 +86,7 @@ class Term:
     def of(cls, target: Target, twist: ArrayLike, *values: Value, loaded: bool = False) -> Term:
         """Return the term with numbers multiplied into the twist and expressions kept as factors.
 
-        If there are more than three factors, the first ones become one formula, their product. A joint value takes a
+        With more than three factors, the first ones are merged into a formula, their product. A joint value takes a
         number as twist, or P numbers for a posture of P configurations.
         """
         scaled = np.atleast_1d(check_numbers("the twist of a term", twist))
@@ -104,7 +104,7 @@ class Term:
 
 
 class TermsOfPose(Sequence[Term]):
-    """The terms of posture ``pose`` of P, made when read from common terms with P twists, or one for all."""
+    """Terms of posture ``pose`` of P, created on access from common terms with P twists or a common twist."""
 
     def __init__(self, terms: Sequence[Term], pose: int) -> None:
         self._terms, self._pose = terms, pose
@@ -154,13 +154,13 @@ def load_value(load: Mapping[Factors, float]) -> Value:
 
 
 def bounds_of(load: Mapping[Factors, float], space: Space) -> tuple[float, float]:
-    """Return bounds of a load over all robots; infinite where a parameter is a formula."""
+    """Return bounds of a load over all robots; infinite if a parameter is a formula."""
     low = high = 0.0
     for factors, number in load.items():
         ends = [float(number)]
         for factor in factors if number else ():
-            own = space.intervals[space.index[factor.name]] if isinstance(factor, Component) else (-math.inf, math.inf)
-            ends = [end * other if end and other else 0.0 for end in ends for other in own]
+            pair = space.intervals[space.index[factor.name]] if isinstance(factor, Component) else (-math.inf, math.inf)
+            ends = [end * other if end and other else 0.0 for end in ends for other in pair]
         low, high = low + min(ends), high + max(ends)
     return low, high
 
@@ -171,7 +171,7 @@ def is_same_for_all(load: Mapping[Factors, float]) -> bool:
 
 
 def side_of(load: Mapping[Factors, float], space: Space) -> Value:
-    """Return 1 for robots whose load is zero or positive, else -1: a number where all robots agree."""
+    """Return 1 for robots with a load of zero or more, else -1: a number if all robots agree."""
     low, high = bounds_of(load, space)
     if low >= 0 or high < 0:
         return 1.0 if low >= 0 else -1.0

@@ -1,17 +1,18 @@
 """Sampled robots as URDF files: the original text with other placements.
 
 Every displacement ``E`` of a place on chain link i is constant in the link's axes, and so is an error Δ of a joint's
-value in the joint's: ``Q(q + Δ) = Exp(axis Δ)·Q(q)``. Both go into the ``<origin>`` of a joint, which every URDF reader
-uses at every pose; ``<calibration>`` is left alone, because readers ignore it. With ``O`` the origin, ``H`` the frame
-it leads to and ``F`` the place's frame (both in the link's axes, undisplaced),
+value in the joint's: ``Q(q + Δ) = Exp(axis Δ)·Q(q)``. Both are folded into the ``<origin>`` of a joint, which every URDF
+reader uses at every pose; ``<calibration>`` is unchanged, because readers ignore it. With ``O`` the origin, ``H`` the
+frame it leads to and ``F`` the place's frame (both in the link's axes, undisplaced),
 
     O' = O · Π (H⁻¹ F) E (F⁻¹ H)        over the places folded into this origin, in chain order.
 
-The place of a URDF link's frame goes into the joint that leads to this link, so that the link itself moves; if that
-joint moves on the chain, for a link's start, and for a custom place, into the next one. The end and the seat of a link
-go into the next joint of the chain, those of the last link into the last joint before the tip. If the base is not the
-URDF's root, joints between the two are passed backwards and ``O`` is the inverse of the written origin. If the last
-joint of the chain moves the tip itself (or such a base), there is no origin to fold into, and a fixed frame is added.
+The displacement of a URDF link's frame is folded into the joint that leads to this link, so that the link moves; if that
+joint moves on the chain, for a link's start, and for a custom place, into the next joint. The end and the seat of a link
+are folded into the next joint of the chain, those of the last link into the last joint before the tip. If the base is
+not the URDF's root, joints between base and root are passed backwards and ``O`` is the inverse of the origin in the
+file. If the last joint of the chain moves the tip directly (or such a base), no origin is available, and a fixed frame is
+added.
 """
 
 from __future__ import annotations
@@ -49,15 +50,16 @@ from precision_pin.robot.urdf.xmltree import Findings, read_regular_file
 from precision_pin.terms.term import JointValue
 
 BLOCK: Final = 1000
-"""Units displaced at a time."""
+"""Robots displaced at a time, which bounds the memory."""
 AGREEMENT: Final = 1e-9
-"""Largest difference of a written robot from the exact model: rad, and m (beyond 1 m of reach: relative)."""
+"""Largest difference of a written robot from the exact model, above rounding: rad, and m (beyond 1 m of reach: relative)."""
 WIDTH: Final = 110
+"""Characters of a line of the header: within the 120 of common style rules, with the marks of a comment."""
 
 
 @dataclass(frozen=True, eq=False)
 class BuiltUnit:
-    """A robot as it may be built: number, error at the export pose (``[d; δ]``, base axes, m and rad), URDF."""
+    """A sampled robot: index, error at the export pose (``[d; δ]``, base axes, m and rad), URDF."""
 
     unit: int
     error: Array
@@ -71,10 +73,10 @@ class BuiltUnit:
 
 @dataclass(frozen=True, eq=False)
 class AsBuilt:
-    """Writes robots of an error model as URDF, at an export pose.
+    """Writer of robots of an error model as URDF, at an export pose.
 
-    A written robot has the unit's errors between the links ``base`` and ``tip``: the chain's, or added frames.
-    ``frozen`` are the labels of the sources whose displacements hold at the export pose only.
+    A written robot has the robot's errors between the links ``base`` and ``tip``: the chain's, or added frames.
+    ``frozen`` are the labels of the sources whose displacements hold only at the export pose.
     """
 
     at: PoseModel
@@ -93,9 +95,9 @@ class AsBuilt:
         *,
         sheet: str = "",
     ) -> AsBuilt:
-        """Return the writer of a model's units at a pose, as for `ErrorModel.configuration`; ``sheet`` names the sheet.
+        """Return the writer of a model's robots at a pose, as for `ErrorModel.configuration`; ``sheet`` names the sheet.
 
-        Raises `InputError` if the robot's file cannot be read, or has changed since the model was made.
+        Raises `InputError` if the robot's file cannot be read, or has changed since the model was loaded.
         """
         at = model.at(q)
         chain = at.posture.chain
@@ -115,7 +117,7 @@ class AsBuilt:
         return cls(at, UrdfText.scan(data), base, tip, frozen, folds, header)
 
     def units(self, seed: int, first: int, count: int) -> Iterator[BuiltUnit]:
-        """Yield units in order: those that `monte_carlo` samples at one pose, with its pose 0 and visit 0.
+        """Yield robots in order, the robots of `monte_carlo` at one pose, with pose 0 and visit 0.
 
         Raises `InternalError` if a written robot, read again, disagrees with the exact model.
         """
@@ -123,26 +125,26 @@ class AsBuilt:
         for start in range(first, first + count, BLOCK):
             x = self.at.space.sample(seed, start, min(BLOCK, first + count - start))
             errors = self.at.exact(x)
-            moved = table.displacements(table.products(table.program.evaluate(x)))
+            displacements = table.displacements(table.products(table.program.evaluate(x)))
             for k in range(x.shape[1]):
-                text = self._written(moved[:, :, k], f"unit {start + k} of seed {seed}")
+                text = self._written(displacements[:, :, k], f"unit {start + k} of seed {seed}")
                 self._verify(text, errors[:, k])
                 yield BuiltUnit(start + k, errors[:, k], text)
 
     def fitted(self, x: Array) -> bytes:
         """Return the text of the robot with component values ``(d,)``, such as those of a calibration."""
         table = self.at.table
-        moved = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
-        text = self._written(moved, "calibrated")
+        displacements = table.displacements(table.products(table.program.evaluate(x[:, None])))[:, :, 0]
+        text = self._written(displacements, "calibrated")
         self._verify(text, self.at.exact(x[:, None])[:, 0])
         return text
 
-    def _written(self, moved: Array, unit: str) -> bytes:
+    def _written(self, displacements: Array, unit: str) -> bytes:
         """Return the text with the targets' displacements ``(K, 6)`` in its placements."""
         placements: dict[str, Placement] = {}
         added: list[AddedFrame] = []
         for fold in self._folds:
-            before, after = fold.step.written, fold.step.displaced(fold.insertion(moved))
+            before, after = fold.step.written, fold.step.displaced(fold.insertion(displacements))
             xyz, rpy = to_vector(after[:3, 3]), rpy_of(after[:3, :3])
             if fold.step.added:
                 name = self.base if fold.step.backwards else self.tip
@@ -164,14 +166,14 @@ class AsBuilt:
         expected = se3.displaced(posture.pose, error)
         scale = max(1.0, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
         if np.abs(tip - expected).max() > AGREEMENT * scale:
-            raise InternalError(f"{chain.robot.file}: a robot as built is not where the exact model puts it")
+            raise InternalError(f"{chain.robot.file}: an as-built robot disagrees with the exact model")
 
 
 class _Step(NamedTuple):
-    """A constant factor on the way from base to tip, ``(4, 4)`` as the file has it."""
+    """Constant factor on the path from base to tip, ``(4, 4)`` as in the file."""
 
-    # `name` is the joint whose origin it is; if `added`, the link that gets a new frame; empty if the file cannot
-    # change it. `backwards`: from child to parent, so that the factor is the inverse of what is written. `end` is
+    # `name` is the joint of the origin; if `added`, the link that gets a new frame; empty if the file cannot express a
+    # change. `backwards`: from child to parent, so that the factor is the inverse of the origin in the file. `end` is
     # the frame it leads to, in the chain link's axes.
 
     name: str
@@ -188,16 +190,16 @@ class _Step(NamedTuple):
 class _Fold(NamedTuple):
     """The displacements folded into one step: rows of the term table's targets in chain order."""
 
-    # each has its frame in that of the step's end, `(4, 4)`, or None if they are the same
+    # each row has its frame relative to the step's end, `(4, 4)`, or None if they are equal
 
     step: _Step
     places: tuple[tuple[int, Array | None], ...]
 
-    def insertion(self, moved: Array) -> Array:
+    def insertion(self, displacements: Array) -> Array:
         """Return the product of the displacements, ``(4, 4)``, at the step's end and in its axes."""
         result = np.eye(4)
         for row, frame in self.places:
-            displacement = se3.displacement(moved[row])
+            displacement = se3.displacement(displacements[row])
             result = result @ (displacement if frame is None else frame @ displacement @ se3.inverse(frame))
         return result
 
@@ -210,21 +212,21 @@ def _read(file: str) -> bytes:
     return data
 
 
-def _way(robot: Robot, base: str, tip: str) -> tuple[tuple[Joint, ...], tuple[Joint, ...]]:
-    """Return the joints passed from child to parent, then those from parent to child, in order."""
+def _passed_joints(robot: Robot, base: str, tip: str) -> tuple[tuple[Joint, ...], tuple[Joint, ...]]:
+    """Return the joints passed from child to parent, then the joints passed from parent to child, in order."""
     up, down = robot.path(robot.root, base), robot.path(robot.root, tip)
-    shared = sum(1 for one, other in zip(up, down, strict=False) if one.name == other.name)
+    shared = sum(1 for first, second in zip(up, down, strict=False) if first.name == second.name)
     return up[shared:][::-1], down[shared:]
 
 
 def _links(robot: Robot, chain: Chain) -> tuple[tuple[_Step, ...], ...]:
-    """Return the steps of every chain link, ranked as the links on the way are."""
+    """Return the steps of every chain link, ranked like the links on the path."""
     # a moving joint passed backwards is two steps, as in `precision_pin.robot.urdf.rerooted`: no origin of the file
-    # comes before its motion, its own comes after
+    # precedes its motion, its origin follows
     links: list[list[_Step]] = [[]]
     frame = np.eye(4)
     ends: list[Array] = []
-    up, down = _way(robot, chain.base, chain.tip)
+    up, down = _passed_joints(robot, chain.base, chain.tip)
     for joint, backwards in (*((joint, True) for joint in up), *((joint, False) for joint in down)):
         if not backwards:
             frame = frame @ joint.origin
@@ -250,58 +252,58 @@ def _links(robot: Robot, chain: Chain) -> tuple[tuple[_Step, ...], ...]:
 
 def _folds(at: PoseModel, links: Sequence[Sequence[_Step]]) -> tuple[_Fold, ...]:
     chain = at.posture.chain
-    taken: dict[int, tuple[_Step, list[tuple[int, Array | None]]]] = {}
+    folds: dict[int, tuple[_Step, list[tuple[int, Array | None]]]] = {}
     base = _Step(chain.base, np.eye(4), backwards=True, end=np.eye(4), added=True)
     tip = _Step(chain.tip, np.eye(4), backwards=False, end=chain.placements[-1], added=True)
     for row, target in enumerate(at.table.targets):
         if isinstance(target, JointValue):
-            # a joint commutes with an error of its value, so the frame before its motion serves
-            own = links[target.joint][-1]
-            step, frame = (own, own.end) if own.name else (links[target.joint + 1][0], np.eye(4))
+            # a joint commutes with an error of its value, so the frame before its motion can be used
+            joint_step = links[target.joint][-1]
+            step, frame = (joint_step, joint_step.end) if joint_step.name else (links[target.joint + 1][0], np.eye(4))
         else:
             step = _step_for(target, links[target.link]) or (tip if target.link else base)
             frame = target.frame
-        places = taken.setdefault(id(step), (step, []))[1]
+        places = folds.setdefault(id(step), (step, []))[1]
         places.append((row, None if np.array_equal(frame, step.end) else se3.inverse(step.end) @ frame))
-    return tuple(_Fold(step, tuple(places)) for step, places in taken.values())
+    return tuple(_Fold(step, tuple(places)) for step, places in folds.values())
 
 
 def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
-    """Return the first changeable step that does not come before the place, else the last one."""
+    """Return the first step with an origin that does not precede the place, else the last one."""
     rank = max(place.order[1], 1) if place.order[0] <= ORDER_FRAME else len(steps)
     free = [(k, step) for k, step in enumerate(steps, start=1) if step.name]
     return next((step for k, step in free if k >= rank), free[-1][1] if free else None)
 
 
 def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
-    """Return the labels of sources whose displacements hold at this pose only: by loads, scope or declaration."""
+    """Return the labels of sources whose displacements hold only at this pose: by loads, scope or declaration."""
     scopes = {name: draw.scope for draw in model.space.draws for name in draw.components}
-    found = []
+    labels = []
     for bound, label in zip(model.bound_sources, model.labels, strict=True):
         terms = tuple(bound.terms(at.posture))
         names = {name for term in terms for factor in term.factors for name in component_names(factor)}
         by_scope = any(scopes[name] is not Scope.UNIT for name in names)
         changes = not bound.source.is_alike_everywhere(model.chain)
         if terms and (changes or by_scope or any(term.loaded for term in terms)):
-            found.append(label)
-    return tuple(found)
+            labels.append(label)
+    return tuple(labels)
 
 
 def _about(at: PoseModel, pose: str, base: str, tip: str, frozen: Sequence[str]) -> Iterator[str]:
     chain = at.posture.chain
     yield f"chain: {base} to {tip}"
-    way = chain.robot.path(chain.robot.root, chain.tip)
-    held = [joint for joint in way if joint.name in chain.locked]
-    if held:
-        yield f"locked on the way: {_values(held, [chain.locked[joint.name] for joint in held])}"
+    joints = chain.robot.path(chain.robot.root, chain.tip)
+    locked = [joint for joint in joints if joint.name in chain.locked]
+    if locked:
+        yield f"locked on the way: {_values(locked, [chain.locked[joint.name] for joint in locked])}"
     yield f"pose{pose and ' ' + pose}: {_values(chain.joints, at.posture.q)}"
     yield (
         "The unit's errors are in the <origin> elements of the joints of the chain. At this pose the robot has all of them, "
         "those that loads cause and those drawn for each pose or visit (here pose 0, visit 0) included. At other poses it "
         "has those of the built robot that no pose changes: displaced frames and axes, joint offsets."
     )
-    held_here = f"Fixed at their values at this pose: {', '.join(frozen)}."
-    yield held_here if frozen else "No source was seen to depend on the pose."
+    note = f"Fixed at their values at this pose: {', '.join(frozen)}."
+    yield note if frozen else "No source was seen to depend on the pose."
 
 
 def _wrapped(line: str) -> list[str]:
@@ -315,20 +317,20 @@ def _values(joints: Sequence[Joint], values: Sequence[float] | Array) -> str:
     )
 
 
-def _free(name: str, taken: set[str]) -> str:
-    while {name, f"{name}_joint"} & taken:
+def _free(name: str, used_names: set[str]) -> str:
+    while {name, f"{name}_joint"} & used_names:
         name += "_"
     return name
 
 
 def describe_frozen(frozen: Sequence[str], where: str) -> list[str]:
-    """Return a note about the sources, by label, that a written URDF has as they are at one pose, if any."""
+    """Return a note about the sources, by label, that a written URDF has with their values at one pose, if any."""
     if not frozen:
         return []
     counts = Counter(label.partition("[")[0] for label in frozen)
-    listed = ", ".join(kind if count == 1 else f"{count} {kind}" for kind, count in counts.items())
+    kinds = ", ".join(kind if count == 1 else f"{count} {kind}" for kind, count in counts.items())
     return [
-        f"true at {where} only: the errors of {listed}, which {'changes' if len(frozen) == 1 else 'change'} with load, pose "
+        f"true at {where} only: the errors of {kinds}, which {'changes' if len(frozen) == 1 else 'change'} with load, pose "
         "or visit; readings with them at every pose: simulate"
     ]
 

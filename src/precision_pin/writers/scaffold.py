@@ -1,4 +1,4 @@
-"""A first error sheet for any arm: every joint and link by name, with starting tolerances marked as assumptions."""
+"""Initial error sheet for any arm: every joint and link by name, with starting tolerances marked as assumptions."""
 
 from __future__ import annotations
 
@@ -31,21 +31,22 @@ from precision_pin.sheet.settings import law_options
 from precision_pin.terms.source import setting_fields
 
 TRIALS: Final = 64
-"""Poses tried to find a good first one and the load on every joint."""
+"""Trial poses for a well-conditioned first pose and the load on every joint: some milliseconds, and no more in a sheet."""
 
 WIND_UP: Final = 2e-4
-"""Turn of a joint, rad, under its design load."""
+"""Rotation of a revolute joint under its design load, rad: 0.2 mm at a reach of 1 m, the size of the other errors."""
 
 GIVE: Final = 2e-5
-"""Shift of a sliding joint, m, under its design load."""
+"""Displacement of a prismatic joint under its design load, m: the effect of ``WIND_UP`` at a radius of 100 mm."""
 
 LEAST_SHARE: Final = 0.1
-"""Least design load, as a fraction of the largest of its kind: wrists carry payloads too."""
+"""Minimum design load, as a fraction of the largest of its kind: wrists carry payloads too."""
 
 SHORTEST: Final = 0.5e-3
 """Shortest length with a general tolerance in ISO 2768-1, m."""
 
 _FINE: Final = ((6.0, 0.05), (30.0, 0.1), (120.0, 0.15), (400.0, 0.2), (1000.0, 0.3), (2000.0, 0.5))
+"""Upper length and deviation of each range of class f, mm, ISO 2768-1, table 1."""
 
 
 Lines = list[str]
@@ -53,11 +54,16 @@ ANGLE_OFFSET: Final = "0.02 deg"
 SLIDE_OFFSET: Final = "0.05 mm"
 SEAT_RADIUS: Final = "0.02 mm"
 COMPLIANCE_SPREAD: Final = 0.2
+"""Starting tolerances; the comments of the sheet give their sources. The spread of a compliance is a guess."""
 _ALUMINIUM: Final = (70e9, 26e9)
 """Moduli of elasticity and of shear, Pa."""
 _MARK: Final = f"{ASSUMED}: true"
+"""Key that marks a source as an assumption."""
 _MANY: Final = 12
+"""Names in a list of the sheet, or locked joints with a line each; more would hide the rest of the sheet."""
 _WIDTH: Final = 110
+"""Characters of a comment line, as in the header of a robot as built."""
+# text that every YAML reader takes for itself: a name or path, a robot of a collection, but no word of YAML
 _PLAIN: Final = re.compile(r"(?:\.{0,2}/)?[A-Za-z_][A-Za-z0-9_./-]*")
 _PLAIN_EXAMPLE: Final = re.compile(r"(?:example|robot_descriptions):[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _WORDS: Final = frozenset(("true", "false", "yes", "no", "on", "off", "y", "n", "null"))
@@ -88,12 +94,12 @@ def round_125(value: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Figures of a chain from T trial poses ``(T, n)`` within the limits.
+    """Properties of a chain from T trial poses ``(T, n)`` within the limits.
 
-    ``units`` are those of each joint's values: deg or m; rad where a joint's limits coincide, so that its value equals
-    them exactly. Of the collision-free trials, ``start`` is the best conditioned, ``far`` the one of the others whose
-    tip is farthest from the first joint. ``loads`` are the largest torque or force of the weights on every joint, N·m
-    or N; ``loadable``: whether a weight beyond the joint can turn or slide it in some pose.
+    ``units`` are the units of each joint's values: deg or m; rad if the limits of a joint coincide, so that its value
+    equals them exactly. Among the collision-free trials, ``start`` is the best conditioned, ``far`` the one of the others
+    with maximum distance of the tip from the first joint. ``loads`` are the largest torque or force of the weights on
+    every joint, N·m or N; ``loadable``: whether a weight beyond the joint can move it in some pose.
     """
 
     chain: Chain
@@ -106,8 +112,8 @@ class Survey:
 
     @classmethod
     def of(cls, chain: Chain) -> Survey:
-        """Try poses all over the joints' ranges."""
-        # a pose's condition is the smallest singular value of the joint Jacobian, lengths divided by the reach
+        """Evaluate trial poses over the joints' ranges."""
+        # the condition of a pose is the smallest singular value of the joint Jacobian, lengths divided by the reach
         ranges = [_trial_range(joint) for joint in chain.joints]
         units = tuple(unit for _, _, unit in ranges)
         trials = _trials(ranges)
@@ -121,7 +127,7 @@ class Survey:
         for values in trials:
             posture = chain.at(values * to_si)
             scaled = rows[:, None] * posture.joint_jacobian * columns
-            # rounded, so that the last bits of a machine do not decide
+            # rounded, so that the result does not depend on the last bits of a machine
             conditions.append(round(float(np.linalg.svd(scaled, compute_uv=False)[-1]), 6))
             distances.append(round(float(np.linalg.norm(posture.pose[:3, 3] - posture.joint_poses[0][:3, 3])), 6))
             loads.append(np.abs(posture.load_torque))
@@ -130,7 +136,7 @@ class Survey:
             tilts.append(np.where(chain.prismatic, along, across))
         free = CollisionCheck(chain, chain.obstacles or Obstacles()).free(np.ascontiguousarray((trials * to_si).T))
         if free.sum() > 1:
-            conditions, distances = (np.where(free, one, -1.0).tolist() for one in (conditions, distances))
+            conditions, distances = (np.where(free, scores, -1.0).tolist() for scores in (conditions, distances))
         start = int(np.argmax(conditions))
         distances[start] = -2.0
         loadable = np.max(tilts, axis=0) > 1e-3
@@ -141,17 +147,17 @@ class Survey:
         """Largest load of each joint, N·m or N, ``(n,)``, at least a tenth of its kind's largest; 0 without weights."""
         result = np.zeros(len(self.chain.joints))
         for kind in (self.chain.prismatic, ~self.chain.prismatic):
-            alike = kind & self.loadable
-            result[alike] = np.maximum(self.loads[alike], LEAST_SHARE * np.max(self.loads[alike], initial=0.0))
+            group = kind & self.loadable
+            result[group] = np.maximum(self.loads[group], LEAST_SHARE * np.max(self.loads[group], initial=0.0))
         return result
 
 
 def _trials(ranges: Sequence[tuple[float, float, str]]) -> Array:
-    """Return poses ``(T, n)`` over the joints' ranges, rounded where limits allow it."""
+    """Return poses ``(T, n)`` over the joints' ranges, rounded if limits allow it."""
     columns = []
     for (centre, half, _), fraction in zip(ranges, spread_points(len(ranges), TRIALS), strict=True):
         values = centre + half * (2 * fraction - 1)
-        # with so many decimals, rounding moves a value by less than a quarter of half
+        # with this number of decimals, rounding changes a value by less than a quarter of half
         columns.append(np.round(values, max(0, math.ceil(-math.log10(half / 4)))) if half else values)
     return np.array(columns).T
 
@@ -162,23 +168,23 @@ def _trial_range(joint: Joint) -> tuple[float, float, str]:
     slides = joint.kind == "prismatic"
     if lower == upper:
         return lower, 0.0, "m" if slides else "rad"
-    most = 0.2 if slides else 60.0
+    half_range = 0.2 if slides else 60.0
     if not slides:
         lower, upper = math.degrees(lower), math.degrees(upper)
     if not math.isfinite(lower):
-        lower = min(-most, upper - 2 * most)
+        lower = min(-half_range, upper - 2 * half_range)
     if not math.isfinite(upper):
-        upper = max(most, lower + 2 * most)
-    return (lower + upper) / 2, min(0.8 * (upper - lower) / 2, most), "m" if slides else "deg"
+        upper = max(half_range, lower + 2 * half_range)
+    return (lower + upper) / 2, min(0.8 * (upper - lower) / 2, half_range), "m" if slides else "deg"
 
 
 def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = None) -> str:
     """Return the text of a commented sheet for a chain; it loads and runs unedited, and is reproducible.
 
-    All tolerances are marked as assumptions, each with its reason: joint offsets of a strain wave gear's accuracy, axes
-    seated to ISO 286-1 grade IT6, lengths to ISO 2768-1 class fine, joints that give 0.2 mrad (0.02 mm if sliding)
-    under the largest weight they meet. ``robot_text`` is the value of ``robot:``; the chain's payloads are left out.
-    ``pose``: the first pose; by default a well-conditioned one within the limits.
+    All tolerances are marked as assumptions, each with its reason: joint offsets by the accuracy of strain wave gears,
+    axes by ISO 286-1 grade IT6, lengths by ISO 2768-1 class fine, joints with a deflection of 0.2 mrad (prismatic: 0.02
+    mm) under the largest weight on them. ``robot_text`` is the value of ``robot:``; the chain's payloads are omitted.
+    ``pose``: the first pose (default: a well-conditioned one within the limits).
     """
     survey = Survey.of(chain)
     start = None if pose is None else chain.configuration(pose)
@@ -186,7 +192,7 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
         _head(chain, robot_text),
         _chain_table(chain),
         _locked(chain),
-        ["# keep_out: none    # if the base stands on no plate, below which poses are otherwise left out"],
+        ["# keep_out: none    # if the base stands on no plate; else poses below the plate are excluded"],
         _poses(chain, survey, start),
         _parameters(),
         ["sources:", *_payload(chain)],
@@ -227,7 +233,7 @@ def init(robot: str | os.PathLike[str], *, tip: str | None = None, base: str | N
 
 
 def quoted(text: str) -> str:
-    """Return text as a YAML scalar that every reader takes for this very string, quoted if needed."""
+    """Return text as a YAML scalar that every reader reads as this string, quoted if needed."""
     if (_PLAIN.fullmatch(text) and text.lower() not in _WORDS) or _PLAIN_EXAMPLE.fullmatch(text):
         return text
     if text.isprintable():
@@ -237,18 +243,18 @@ def quoted(text: str) -> str:
 
 def _head(chain: Chain, robot_text: str) -> Lines:
     others = [name for name in chain.robot.leaves if name != chain.tip]
-    some = ", ".join(_escaped(name) for name in others[:_MANY]) + (", …" if len(others) > _MANY else "")
+    leaf_names = ", ".join(_escaped(name) for name in others[:_MANY]) + (", …" if len(others) > _MANY else "")
     return [
         f"# Error sheet of the robot {_escaped(chain.robot.name)}, drafted by `precision-pin init`.",
         "# It runs unedited: precision-pin analyze THIS_FILE",
-        '# No number here was measured on this robot. What is marked "assumption" is a starting tolerance: replace it by',
-        "# what a drawing, a data sheet or a calibration says, and delete its 'assumed: true': until then every verdict says",
-        "# that it rests on assumptions. A tolerance is a half-width, ± about the mean: {normal: t} is ±3σ. Whoever has σ",
-        "# in hand writes {normal: {std: σ}}; {normal: σ} would make the robot three times too good.",
+        '# No value is measured on this robot. Values marked "assumption" are starting tolerances: replace them by values of',
+        "# a drawing, a data sheet or a calibration, and delete 'assumed: true'; until then, verdicts note that they rest on",
+        "# assumptions. A tolerance is a half-width, ± about the mean: {normal: t} is ±3σ. For a known σ write",
+        "# {normal: {std: σ}}; {normal: σ} would underestimate the error by a factor of three.",
         "precision-pin: 1",
         f"robot: {quoted(robot_text)}",
         *_gripper(chain),
-        f"tip: {quoted(chain.tip)}" + (f"    # other leaves: {some}" if others else ""),
+        f"tip: {quoted(chain.tip)}" + (f"    # other leaves: {leaf_names}" if others else ""),
         f"base: {quoted(chain.base)}    # does not move",
         f"gravity: {' '.join(map(_number, chain.gravity))} m/s^2    # base axes; or earth, moon, none",
         "statics: nominal    # loads at the undeflected pose",
@@ -265,18 +271,20 @@ def _gripper(chain: Chain) -> Lines:
 
 def _chain_table(chain: Chain) -> Lines:
     lines = [
-        "# The chain, base to tip; the joints' axes in their own frames. 'effort' is the limit in the URDF.",
+        "# The chain, base to tip; joint axes in the joint frames. 'effort' is the limit in the URDF.",
         f"#   link   {_escaped(chain.base)}: {_mass(chain, chain.base)}",
     ]
-    way = chain.robot.path(chain.base, chain.tip)
-    for joint in way:
+    joints = chain.robot.path(chain.base, chain.tip)
+    for joint in joints:
         lines.append(f"#   joint  {_escaped(joint.name)}: {_described(chain, joint)}")
         lines.append(f"#   link   {_escaped(joint.child)}: {_mass(chain, joint.child)}")
-    on_way = {chain.base, *(joint.child for joint in way)}
-    beside = [link for link in chain.robot.links if link.name not in on_way]
-    if beside:
-        weight = f"{sum(link.mass for link in beside):.4g} kg"
-        lines.append(f"# {len(beside)} links beside it ({weight}) hang on these; the weight of those that move counts.")
+    path_links = {chain.base, *(joint.child for joint in joints)}
+    others = [link for link in chain.robot.links if link.name not in path_links]
+    if others:
+        weight = f"{sum(link.mass for link in others):.4g} kg"
+        lines.append(
+            f"# {len(others)} further links ({weight}) are attached to these; the weight of moving links counts."
+        )
     return lines
 
 
@@ -307,25 +315,25 @@ def _mass(chain: Chain, name: str) -> str:
 
 
 def _locked(chain: Chain) -> Lines:
-    """Return the joints off the chain: one a line with limits, or many a line if there are many; mimics follow."""
+    """Return the joints off the chain: one per line with limits, or several per line if there are many; then mimics."""
     joints = [joint for joint in chain.robot.joints if joint.name in chain.locked]
     if not joints:
         return ["# No joint moves off the chain; one on it is locked so:  locked: {JOINT: 0 deg}"]
-    on_way = {joint.name for joint in chain.robot.path(chain.base, chain.tip)}
-    follow = [joint for joint in joints if joint.name not in on_way and _follows(chain, joint)]
-    free = [joint for joint in joints if joint not in follow]
+    path_names = {joint.name for joint in chain.robot.path(chain.base, chain.tip)}
+    mimics = [joint for joint in joints if joint.name not in path_names and _follows(chain, joint)]
+    independent = [joint for joint in joints if joint not in mimics]
     entries = [
         f"{quoted(joint.name)}: {_number(chain.locked[joint.name])} {'m' if joint.kind == 'prismatic' else 'rad'}"
-        for joint in free
+        for joint in independent
     ]
     lines = ["# Joints that do not move; their links hang on the arm."]
-    if len(free) > _MANY:
+    if len(independent) > _MANY:
         lines += ["locked: {", *(f"  {line}" for line in _packed(entries)), "  }"]
-    elif free:
-        described = (f"{joint.kind}, {_range(joint)}" for joint in free)
-        lines += ["locked:", *(f"  {text}    # {one}" for text, one in zip(entries, described, strict=True))]
-    if follow:
-        lines += _comment("They follow others (mimic): " + ", ".join(_escaped(joint.name) for joint in follow))
+    elif independent:
+        notes = (f"{joint.kind}, {_range(joint)}" for joint in independent)
+        lines += ["locked:", *(f"  {text}    # {note}" for text, note in zip(entries, notes, strict=True))]
+    if mimics:
+        lines += _comment("They follow others (mimic): " + ", ".join(_escaped(joint.name) for joint in mimics))
     return lines
 
 
@@ -372,7 +380,7 @@ def _parameters() -> Lines:
         "# parameters:",
         "#   set_up: {uniform: 0.05 mm}",
         "#   tool_mass: {normal: 0.06 kg, mean: 1 kg, scope: visit}",
-        "# A source takes them in place of a tolerance:  parameters: [set_up, {uniform: 0.02 mm}]",
+        "# A source takes them instead of a tolerance:  parameters: [set_up, {uniform: 0.02 mm}]",
         f"# A law has one of these keys and, as it allows, {', '.join(law_options())}; normal: t is ±3σ.",
     ]
     for key, law in laws_of_sheets().items():
@@ -381,11 +389,11 @@ def _parameters() -> Lines:
 
 
 def _payload(chain: Chain) -> Lines:
-    moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
-    mass = sum(link.mass for link in chain.robot.links if link.name in moved)
+    moving = {name for name, frame in chain.link_frames.items() if frame.link > 0}
+    mass = sum(link.mass for link in chain.robot.links if link.name in moving)
     example = f"{round_125(0.05 * mass) if mass else 1.0:.3g} kg"
     return [
-        "  # Payload: none yet. It loads the joints and links below; com: in the axes of the link that it hangs on.",
+        "  # Payload: none yet. It loads the joints and links below; com: in the axes of the link that carries it.",
         f"  # - payload: {{at: {quoted(chain.tip)}, mass: {example}, com: 0 0 0 mm, {_MARK}}}",
     ]
 
@@ -394,12 +402,12 @@ def _joint_offsets(chain: Chain) -> Lines:
     lines: Lines = []
     if not chain.prismatic.all():
         lines += _comment(
-            f"Joint values: zero setting and gear. {ANGLE_OFFSET} is 1.2 arcmin; strain wave gears are listed with 1 to 2 "
+            f"Joint values: zero setting and gear. {ANGLE_OFFSET} is 1.2 arcmin; data sheets of strain wave gears state 1 to 2 "
             "arcmin from the lowest to the highest error in a turn, and a calibrated zero is about as good.",
             "  # ",
         )
     if chain.prismatic.any():
-        what = "about what a rolled ball screw of grade 7 errs over 300 mm (ISO 3408-3)"
+        what = "about the travel deviation of a rolled ball screw of grade 7 over 300 mm (ISO 3408-3)"
         lines += _comment(f"Sliding joints: {SLIDE_OFFSET}, {what}.", "  # ")
     for joint in chain.joints:
         offset = f"{{normal: {SLIDE_OFFSET if joint.kind == 'prismatic' else ANGLE_OFFSET}}}"
@@ -412,18 +420,18 @@ def _axes(chain: Chain) -> Lines:
     text = (
         f"Axes: each passes within {SEAT_RADIUS} of its nominal place in two planes, the bearings'. A seat of 50 to 80 mm "
         "in grade IT6 has 0.019 mm (ISO 286-1). The span is a guess from the arm's size, a tenth of its links' lengths "
-        "within 20 to 100 mm; the turn it causes is nearly proportional to 1/span."
+        "within 20 to 100 mm; the rotation it causes is nearly proportional to 1/span."
     )
-    rest = f"radius: {SEAT_RADIUS}, span: {span}, {_MARK}}}    # assumption"
-    entries = [f"  - axis_install: {{joint: {quoted(name)}, {rest}" for name in chain.joint_names]
+    settings = f"radius: {SEAT_RADIUS}, span: {span}, {_MARK}}}    # assumption"
+    entries = [f"  - axis_install: {{joint: {quoted(name)}, {settings}" for name in chain.joint_names]
     return [*_comment(text, "  # "), *entries]
 
 
 def _compliances(chain: Chain, survey: Survey) -> Lines:
     text = (
-        f"Joint flexibility: such that a joint turns by {WIND_UP * 1e3:g} mrad (slides by {GIVE * 1e3:g} mm) under the "
-        f"largest load that the URDF's masses put on it in {TRIALS} trial poses, at least {100 * LEAST_SHARE:g} % of the "
-        "largest on any joint that turns (slides) like it; rounded to 1, 2, 5; known to "
+        f"Joint flexibility: such that a joint deflects by {WIND_UP * 1e3:g} mrad (prismatic: {GIVE * 1e3:g} mm) under the "
+        f"largest load of the URDF's masses in {TRIALS} trial poses, at least {100 * LEAST_SHARE:g} % of the largest load "
+        "on any joint of its kind; rounded to 1, 2, 5; known to "
         f"{100 * COMPLIANCE_SPREAD:g} %. Data sheets of the gears give it."
     )
     lines = _comment(text, "  # ")
@@ -472,9 +480,9 @@ def _beams(chain: Chain) -> Lines:
     bending = float(f"{_ALUMINIUM[0] * second_moment:.0e}")
     torsion = float(f"{_ALUMINIUM[1] * (2 * second_moment):.0e}")
     text = (
-        f"Flexibility of the links: left out. Filled in as aluminium tubes of {diameter * 1e3:g} mm mean diameter and "
-        f"{wall * 1e3:.3g} mm wall (E 70 GPa, G 26 GPa: EI = E pi/8 d^3 t, GI = G pi/4 d^3 t), to be put right first. "
-        "Where a joint slides along a link, the beam ends at its carriage; a bridge needs supports: both and span: too."
+        f"Flexibility of the links: omitted. Values are those of aluminium tubes of {diameter * 1e3:g} mm mean diameter and "
+        f"{wall * 1e3:.3g} mm wall (E 70 GPa, G 26 GPa: EI = E pi/8 d^3 t, GI = G pi/4 d^3 t); correct them first. "
+        "If a joint slides along a link, the beam ends at its carriage; a bridge needs supports: both and span: too."
     )
     lines = _comment(text, "  # ")
     names = {frame.link: name for name, frame in chain.link_frames.items() if frame.is_own}
@@ -503,7 +511,7 @@ def _first_line(thing: type) -> str:
 
 
 def _comment(text: str, start: str = "# ", following: str | None = None) -> Lines:
-    """Return text wrapped into comment lines; ``following`` begins those after the first."""
+    """Return text wrapped into comment lines; ``following`` is the start of all lines after the first."""
     return textwrap.wrap(
         text,
         _WIDTH,
@@ -515,15 +523,15 @@ def _comment(text: str, start: str = "# ", following: str | None = None) -> Line
 
 
 def _escaped(text: str) -> str:
-    """Return text with every unprintable character as an escape that is valid in YAML."""
+    """Return text with unprintable characters as escapes that are valid in YAML."""
     return "".join(character if character.isprintable() else f"\\U{ord(character):08x}" for character in text)
 
 
 def _number(value: float) -> str:
-    """Return the shortest text that reads back as the same number."""
+    """Return the shortest text that reads back as an equal number."""
     return repr(float(value) + 0.0).removesuffix(".0")
 
 
 def _short(value: float) -> str:
-    """Return a number to three digits, as 2e-5 rather than 2e-05."""
+    """Return a number to three digits, such as 2e-5, not 2e-05."""
     return re.sub(r"e([+-])0*", lambda match: "e-" if match[1] == "-" else "e", f"{value:.3g}")

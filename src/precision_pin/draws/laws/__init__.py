@@ -1,7 +1,7 @@
-"""The laws that random numbers follow.
+"""Probability distributions of draws.
 
-A law is a distribution of ``size`` numbers together, in SI. Each gives a sample from as many independent variates,
-mean, covariance, the support function h(w) = max over its support of w·x (infinite if unbounded) and the characteristic
+A law is a distribution of ``size`` components, in SI. Each law gives samples from ``size`` independent variates, mean,
+covariance, the support function h(w) = max over its support of w·x (infinite if unbounded) and the characteristic
 function E exp(i t·x).
 """
 
@@ -68,21 +68,21 @@ LAWS: Final[tuple[type[Law], ...]] = (
 
 
 def laws_of_sheets() -> Mapping[str, type[Law]]:
-    """Return every law that a sheet can name, by its key, those that other packages install included."""
+    """Return all laws that a sheet can name, by key, including those installed by other packages."""
     installed = (extension.value for extension in extensions() if not extension.error)
     return _by_key((*LAWS, *installed))
 
 
 def extensions() -> tuple[Extension, ...]:
-    """Return the laws that other packages install, and those that cannot be used."""
+    """Return the laws installed by other packages, usable or not."""
     return find_extensions("laws", _check)
 
 
 def _check(law: object) -> str:
     if not (inspect.isclass(law) and issubclass(law, Law)):
-        return "it is no subclass of precision_pin.draws.laws.Law"
+        return "not a subclass of precision_pin.draws.laws.Law"
     if not law.form.key:
-        return "its form has no key, so that no sheet can name it"
+        return "its form has no key, so sheets cannot name it"
     return f"the key {law.form.key!r} is taken" if law.form.key in _by_key(LAWS) else ""
 
 

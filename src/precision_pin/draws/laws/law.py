@@ -1,9 +1,9 @@
-"""The base class of laws, a law's row in the tables of the compiled loops, and what follows from quantiles alone.
+"""Base class of laws, rows of laws in the tables of the compiled loops, and default methods based on quantiles.
 
-For the last, the normal scores from -8.6 to 8.6 are cut into panels, where the law jumps or bends and otherwise evenly.
-The density in each panel is kept as a Legendre series in the value, whose coefficients are integrals over the scores;
-no inversion is needed. The wave exp(iωx) has a Legendre series with spherical Bessel functions as coefficients
-(Rayleigh), so that the characteristic function costs the same at every frequency.
+For the defaults, the normal scores from -8.6 to 8.6 are divided into panels, at jumps and kinks of the law and otherwise
+evenly. The density in each panel is a Legendre series in the value, whose coefficients are integrals over the scores; no
+inversion is needed. The wave exp(iωx) has a Legendre series with spherical Bessel functions as coefficients (Rayleigh),
+so that the cost of the characteristic function does not depend on the frequency.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ Place = tuple[str | int, ...]
 """Path of keys and indices below the mapping of a law."""
 
 NUMBER: Final[Mapping[str, Any]] = {"type": "string", "description": "a number with its unit"}
+"""JSON schema of the value under a law's key, for laws of one size."""
 
 
 def object_schema(properties: Mapping[str, Any], *required: str) -> Mapping[str, Any]:
@@ -53,10 +54,10 @@ DEVIATIONS: Final = object_schema({"std": {}}, "std")
 
 @dataclass(frozen=True)
 class LawOption:
-    """A key allowed beside a law's own.
+    """Further key of a law.
 
     Attributes:
-        meaning: Text for schema and documentation; texts of several laws for one key are joined.
+        meaning: Text for schema and documentation; texts of several laws for the same key are joined.
         example: A value that fits the law's example.
     """
 
@@ -67,6 +68,7 @@ class LawOption:
 
 
 MEAN: Final = LawOption("mean", "default 0", "1 mm")
+"""Option of every law that is symmetric about its mean."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,9 @@ class SheetForm:
     """The form of a law in a sheet.
 
     Attributes:
-        key: The key that names it; empty if no sheet can.
-        example: A law as a mapping, with lengths as its numbers.
-        options: The keys allowed beside the law's own and ``scope``.
+        key: The key that names it; empty if sheets cannot name it.
+        example: A law as a mapping, with lengths as its values.
+        options: Further keys, besides the law's key and ``scope``.
         schema: JSON schema of the value under the key.
     """
 
@@ -88,7 +90,7 @@ class SheetForm:
 
 
 class SheetReader(Protocol):
-    """Reader of a law's settings, which are numbers of one quantity; errors name their place in the sheet."""
+    """Reader of a law's settings, values of one quantity; errors name their place in the sheet."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -101,13 +103,13 @@ class SheetReader(Protocol):
         """Return the number at a place in SI."""
 
     def numbers(self, *where: str | int) -> list[float]:
-        """Return the numbers at a place: a list with a unit for each, or text with one unit for all."""
+        """Return the numbers at a place: a list with a unit each, or text with a common unit."""
 
     def half_width(self, *where: str | int) -> float:
         """Return the number at a place; raise if negative."""
 
     def mean(self) -> float:
-        """Return the mean, 0 if left out."""
+        """Return the mean (default: 0)."""
 
     def ratio(self, *where: str | int) -> float:
         """Return the unitless number at a place."""
@@ -148,30 +150,30 @@ def mean_beside(mean: float, quantity: Quantity | None) -> str:
 
 
 def spread(mean: Array, covariance: Array, quantity: Quantity | None) -> str:
-    """Return the phrase for the mean and the standard deviation of one number."""
+    """Return the phrase for the mean and the standard deviation of one component."""
     std = math.sqrt(float(covariance[0, 0]))
     return f", mean {write_number(float(mean[0]), quantity)}, standard deviation {write_number(std, quantity)}"
 
 
 def deviations(components: Sequence[str], covariance: Array, quantities: Sequence[Quantity | None]) -> str:
-    """Return the phrase for the standard deviations of several numbers."""
+    """Return the phrase for the standard deviations of several components."""
     stds = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
-    each = zip(components, stds, quantities, strict=True)
+    entries = zip(components, stds, quantities, strict=True)
     return "standard deviations " + ", ".join(
-        f"{name.removeprefix('.')} {write_number(std, quantity)}" for name, std, quantity in each
+        f"{name.removeprefix('.')} {write_number(std, quantity)}" for name, std, quantity in entries
     )
 
 
 class Law(ABC):
-    """A distribution of one or several numbers.
+    """Distribution of one or several components.
 
-    :meth:`sample` is all that a law of one number needs: the rest follows from its quantiles, and the compiled loops
-    draw from straight lines between them. Closed forms override what follows so.
+    A law of one component needs only :meth:`sample`: the other methods follow from its quantiles, and the compiled loops
+    draw from straight lines between them. Closed forms override these defaults.
 
     Attributes:
         variates: The input of :meth:`sample`: ``"uniform"`` on (0, 1) or standard ``"normal"`` numbers.
-        form: Its form in a sheet; without a key if no sheet can name it.
-        is_normal: True if sums of its numbers are normal; also true of numbers that do not vary.
+        form: Form in a sheet; without a key if sheets cannot name it.
+        is_normal: True if sums of its components are normal; also true of components that do not vary.
     """
 
     variates: ClassVar[Literal["uniform", "normal"]] = "uniform"
@@ -182,12 +184,12 @@ class Law(ABC):
     def from_sheet(cls, reader: SheetReader) -> Law:
         """Return the law in a sheet: the size under its key, and options; raise InputError for a wrong setting."""
         size = reader.half_width(cls.form.key)
-        given = [option for option in cls.form.options if option.key in reader.settings]
-        options = {option.key: (reader.ratio if option.is_ratio else reader.number)(option.key) for option in given}
+        items = [option for option in cls.form.options if option.key in reader.settings]
+        options = {option.key: (reader.ratio if option.is_ratio else reader.number)(option.key) for option in items}
         return cls(size, **options)  # type: ignore[call-arg]
 
     def __post_init__(self) -> None:
-        """Check the numbers of a law with a sheet form: the first is its size, zero or more."""
+        """Check the fields of a law with a sheet form: the first is its size, zero or more."""
         key = self.form.key.replace("_", "-")
         numbers = [field.name for field in fields(cast("Any", self)) if field.type in ("float", float)] if key else []
         for k, name in enumerate(numbers):
@@ -196,17 +198,17 @@ class Law(ABC):
 
     @property
     def size(self) -> int:
-        """How many numbers the law draws together."""
+        """Dimension of the distribution."""
         return 1
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Suffix of each component's name, empty for a single number."""
+        """Suffix of each component's name, empty for a single component."""
         return ("",)
 
     @abstractmethod
     def sample(self, variates: Array) -> Array:
-        """Return samples ``(size, N)`` from as many independent variates ``(size, N)``."""
+        """Return samples ``(size, N)`` from independent variates ``(size, N)``."""
 
     def _check_single(self, what: str) -> None:
         if self.size > 1:
@@ -243,7 +245,7 @@ class Law(ABC):
 
     @property
     def streamed(self) -> range:
-        """Indices of the variates that :meth:`sample` uses; none for a number that does not vary."""
+        """Indices of the variates that :meth:`sample` uses; none for a component that does not vary."""
         return range(self.size)
 
     def kernel_row(self) -> KernelRow | None:
@@ -252,7 +254,7 @@ class Law(ABC):
         return None if lines is None else KernelRow("empirical", lines)
 
     def projection(self, weights: Array) -> Projection | None:
-        """Return the law of the number ``w·(x - mean)``, for weights w ``(size,)`` along which the law varies.
+        """Return the distribution of ``w·(x - mean)``, for weights w ``(size,)`` along which the law varies.
 
         None for a normal law, or if only the characteristic function is known.
         """
@@ -260,14 +262,14 @@ class Law(ABC):
         return None if series is None else DerivedProjection(self, float(weights[0]), series)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return the law in words, with numbers in SI where their quantity is None."""
+        """Return a description of the law, with values in SI if their quantity is None."""
         name = type(self).__name__
         if self.size > 1:
             return f"{name} of {self.size} numbers, {deviations(self.components, self.covariance, quantities)}"
         return name + spread(self.mean_vector, self.covariance, quantities[0])
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
-        """Return its range in short: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty if no quantity is known."""
+        """Return the short text of its range: ``±0.3 mm``, ``0 mm to 2 mm``, ``σ 0.1 mm``; empty without a quantity."""
         quantity = quantities[0] if quantities else None
         if quantity is None or not quantity.si or any(other != quantity for other in quantities):
             return ""
@@ -284,10 +286,10 @@ class Law(ABC):
         return f"{unit(low)} to {unit(high)}"
 
     def interval(self, number: int) -> tuple[float, float]:
-        """Return the bounds of a number of the law (0-based) in every sample.
+        """Return the bounds of a component of the law (0-based) in every sample.
 
-        The ends of its support, or for a law made from normal numbers its values at ±8.6 standard deviations. Raises
-        InputError if the law has no such number.
+        The ends of its support, or for a law based on normal variates its values at ±8.6 standard deviations. Raises
+        InputError if the law has no such component.
         """
         check_whole("the index of a number of the law", number, 0, self.size - 1)
         direction = np.eye(self.size)[number]
@@ -310,7 +312,7 @@ class Law(ABC):
 
     @property
     def measured(self) -> Array | None:
-        """The samples ``(n, size)`` that the law was made from; None if unknown."""
+        """The measured samples ``(n, size)`` that define the law; None if there are none."""
         return None
 
     @property
@@ -323,29 +325,29 @@ class Law(ABC):
         return None
 
     def standardised_moments(self) -> Moments | None:
-        """Return the moments of its standardised numbers; None if unknown or if other mixed moments do not vanish."""
+        """Return the moments of its standardised components; None if unknown or if other mixed moments do not vanish."""
         return None if self.size > 1 else moments_by_quadrature(self.at_scores, self.breaks)
 
     def cumulants(self) -> Array | None:
-        """Return the second, third, fourth and sixth cumulant of each number, ``(4, size)``.
+        """Return the second, third, fourth and sixth cumulant of each component, ``(4, size)``.
 
-        None if its tails are no heavier than a normal law's, so that it may be treated as normal.
+        None if its tails are no heavier than normal, so that it may be treated as normal.
         """
         return None
 
     def covariance_with(self, other: Law, correlation: float) -> float | None:
-        """Return the covariance with a number whose normal score is correlated; None without a closed form."""
+        """Return the covariance with a component whose normal score is correlated; None without a closed form."""
         return None
 
     def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float | None:
-        """Return the covariance with another number as an integral over that number's score.
+        """Return the covariance with another component as an integral over the score of that component.
 
-        None if the mean at a given score of the other number is unknown.
+        None if the mean at a given score of the other component is unknown.
 
         Args:
-            correlation: Of the two normal scores.
-            nodes: Takes a distance beyond the usual range; returns the other number's scores z up to there, and (value
-                - mean) × density × weight at each.
+            correlation: Correlation of the two normal scores.
+            nodes: Takes a distance beyond the default range; returns the scores z of the other component in the extended
+                range, and (value - mean) × density × weight at each.
         """
         return None
 
@@ -355,20 +357,20 @@ class Law(ABC):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Uniform numbers in (0, 1) at which the inverse of a law of one number jumps or bends."""
+        """Uniform numbers in (0, 1) at which the inverse of a law of one component has a jump or kink."""
         return ()
 
     def inverse(self, uniforms: Array) -> Array:
-        """Return samples from uniform numbers (quasi-random points), whatever :attr:`variates` is."""
+        """Return samples from uniform numbers (quasi-random points), for any :attr:`variates`."""
         return self.sample(uniforms if self.variates == "uniform" else lazy_special.ndtri(uniforms))
 
     def at_scores(self, scores: Array) -> Array:
-        """Return samples from standard normal numbers (correlated draws), whatever :attr:`variates` is."""
+        """Return samples from standard normal numbers (correlated draws), for any :attr:`variates`."""
         return self.sample(scores if self.variates == "normal" else cumulative(scores))
 
 
 def cumulative(scores: Array) -> Array:
-    """Return Φ of normal scores, from the lower tail, so that all engines round alike near 1."""
+    """Return Φ of normal scores, from the lower tail, so that all engines round equally near 1."""
     tail = lazy_special.ndtr(-np.abs(scores))
     return np.where(scores > 0, 1 - tail, tail)
 
@@ -386,17 +388,17 @@ def take_number(law: Law, field: str, what: str) -> None:
 
 
 def take_rows(law: Law, field: str, what: str, columns: int | None = None) -> Array:
-    """Store a field as tuples of floats and return the array; raise InputError unless finite, in rows of one length."""
-    given = getattr(law, field)
-    if isinstance(given, list | tuple) and all(isinstance(row, list | tuple) for row in given):
-        for k, row in enumerate(given):
-            if len(row) != len(given[0]):
-                raise InputError(f"row {k + 1} of {what} has {len(row)} numbers, the first has {len(given[0])}")
+    """Store a field as tuples of floats and return the array; raise InputError unless finite, in rows of equal length."""
+    value = getattr(law, field)
+    if isinstance(value, list | tuple) and all(isinstance(row, list | tuple) for row in value):
+        for k, row in enumerate(value):
+            if len(row) != len(value[0]):
+                raise InputError(f"row {k + 1} of {what} has {len(row)} numbers, the first has {len(value[0])}")
     rows = "at least one row of " + ("finite numbers" if columns is None else f"{columns} finite numbers")
-    table = check_numbers(what, given, (None, columns), rows)
+    table = check_numbers(what, value, (None, columns), rows)
     if not table.size:
-        raise InputError(f"{what} must be {rows}, got {shown(given)}")
-    # memory of a tuple and a list for each row and an object for each number
+        raise InputError(f"{what} must be {rows}, got {shown(value)}")
+    # memory of a tuple and a list per row and an object per number
     check_memory((152.0 + 48 * table.shape[1]) * len(table), f"{what}, {table.size:,} numbers,", "give fewer")
     object.__setattr__(law, field, tuple(map(tuple, table.tolist())))
     return table
@@ -417,7 +419,7 @@ Branch = Literal[
     "empirical",
     "table",
 ]
-"""The loops of ``apply_laws`` in kernel/loops.py; laws may share one."""
+"""The loops of ``apply_laws`` in kernel/loops.py; several laws may use the same loop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -425,10 +427,10 @@ class KernelRow(Fixed):
     """The row of a law in the tables of the compiled loops.
 
     Attributes:
-        branch: The loop that turns its variates into its numbers.
+        branch: The loop that converts its variates to its components.
         numbers: The loop's parameters, ``(n,)``, or a table of them, ``(r, c)``: see
             :class:`precision_pin.kernel.loops.Draws`.
-        intervals: Bounds of each number in the loop, if they differ from
+        intervals: Bounds of each component in the loop, if they differ from
             :meth:`~precision_pin.draws.laws.Law.interval`.
     """
 
@@ -438,10 +440,10 @@ class KernelRow(Fixed):
 
 
 _NODES: Final = 24
-"""Scores in each panel."""
+"""Scores in each panel: exact for polynomials up to degree 47, more than twice the degree of the series."""
 
 _TERMS: Final = 20
-"""Terms of the Legendre series in each panel."""
+"""Terms of the Legendre series in each panel; the last ones bound the error, 1e-12 for smooth densities."""
 
 _SLOW: Final = 10.0
 """Phase across half a panel up to which the wave is summed over the scores; beyond, its Legendre series."""
@@ -451,17 +453,21 @@ _NARROW: Final = 1e-7
 
 _LEVELS: Final = 100
 _MARGIN: Final = 1.05
-"""Levels that cut off a density to bound its characteristic function; margin for the spread in a cell."""
+"""Levels that cut off a density to bound its characteristic function; margin for the variation within a cell.
+
+Levels differ by factors of 1.05 to 1.1; more levels would lower the bound by less than the margin raises it.
+"""
 
 _LINE_ERROR: Final = 1e-7
 """Largest distance of the straight lines from the quantile function, in standard deviations."""
 
 _MOST_LINES: Final = 2**17
+"""Lines that replace a quantile function: 4 MiB in the tables of the loops; steeper tails are left to numpy."""
 
 
 @lru_cache(maxsize=256)
 def mean_and_variance(law: Law) -> tuple[float, float]:
-    """Return mean and variance of a law of one number, to 13 digits of the largest value; the rest is rounding."""
+    """Return mean and variance of a law of one component, to 13 digits of the largest value; more would be rounding."""
     z, weights, _ = score_panels(law.breaks, _NODES)
     values, shares = _values(law, z).ravel(), weights.ravel() / weights.sum()
     mean = float(shares @ values)
@@ -470,7 +476,7 @@ def mean_and_variance(law: Law) -> tuple[float, float]:
 
 
 def _values(law: Law, scores: Array) -> Array:
-    """Return a law's values at normal scores, none beyond that of the last uniform number, 1 - 2⁻⁵³."""
+    """Return a law's values at normal scores, limited to the value at the last uniform number, 1 - 2⁻⁵³."""
     if law.variates == "uniform":
         scores = np.minimum(scores, lazy_special.ndtri(LAST_UNIFORM))
     return law.at_scores(scores.reshape(1, -1))[0].reshape(scores.shape)
@@ -478,14 +484,13 @@ def _values(law: Law, scores: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Series(Fixed):
-    """Legendre series of the density of a law of one number, about its mean.
+    """Legendre series of the density of a law of one component, about its mean.
 
     Attributes:
         points, weights: Values and their probabilities, ``(panels, nodes)``.
         low, high: Ends of the panels, ``(panels,)``.
         moments: E of the Legendre polynomials in each panel, ``(panels, terms)``; only the first in a narrow panel.
-        cells: Density in cells of rising values, ``(cells,)``, zero in gaps, infinite for values with their own
-            probability.
+        cells: Density in cells of ascending values, ``(cells,)``, zero in gaps, infinite at discrete values.
         shares: Probability of each cell, ``(cells,)``.
     """
 
@@ -521,27 +526,27 @@ class Series(Fixed):
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """Levels of the density: probability above each, and variation of the density cut off there."""
+        """Probability above each level of the density, and total variation of the density cut off at the level."""
         finite = self.cells[np.isfinite(self.cells) & (self.cells > 0)]
         levels = np.geomspace(np.median(finite) / 100, finite.max(), _LEVELS) if finite.size else np.zeros(0)
         inverse = np.divide(1.0, self.cells, out=np.zeros_like(self.cells), where=self.cells > 0)
         above = np.array([self.shares @ np.maximum(1 - level * inverse, 0) for level in levels])
-        ended = np.concatenate([[0.0], self.cells, [0.0]])
-        turns = np.array([np.abs(np.diff(np.minimum(ended, level))).sum() for level in levels])
-        return above, turns * _MARGIN
+        padded = np.concatenate([[0.0], self.cells, [0.0]])
+        total_variation = np.array([np.abs(np.diff(np.minimum(padded, level))).sum() for level in levels])
+        return above, total_variation * _MARGIN
 
 
 @lru_cache(maxsize=64)
 def series_of(law: Law) -> Series | None:
-    """Return the series of a law of one number; None if its samples do not rise with the uniform numbers."""
+    """Return the series of a law of one component; None if its samples do not rise with the uniform numbers."""
     z, weights, edges = score_panels(law.breaks, _NODES)
     mean, scale = float(law.mean_vector[0]), math.sqrt(law.covariance[0, 0])
-    # just inside the panels, because the law may jump at an edge
+    # slightly inside the panels, because the law may jump at an edge
     cuts = np.linspace(edges[:-1] + 1e-12, edges[1:] - 1e-12, _NODES + 1, axis=1)
     points, values = _values(law, z) - mean, _values(law, cuts) - mean
-    # the farthest panels, too narrow to be resolved, hold less than rounding changes
-    seen = (weights.sum(axis=1) > 1e-13) | (values[:, -1] - values[:, 0] > _NARROW * scale)
-    points, weights, cuts, values = points[seen], weights[seen] / weights[seen].sum(), cuts[seen], values[seen]
+    # the outermost panels, too narrow to be resolved, hold less probability than rounding errors
+    mask = (weights.sum(axis=1) > 1e-13) | (values[:, -1] - values[:, 0] > _NARROW * scale)
+    points, weights, cuts, values = (points[mask], weights[mask] / weights[mask].sum(), cuts[mask], values[mask])
     if (np.diff(points.ravel()) < -1e-9 * scale).any():
         return None
     gaps = values[1:, 0] - values[:-1, -1] > 1e-9 * scale
@@ -549,8 +554,8 @@ def series_of(law: Law) -> Series | None:
     low, high = values[:, 0].copy(), values[:, -1].copy()
     half = (high - low) / 2
     wide = half > _NARROW * scale
-    place = np.clip((points - (low + half)[:, None]) / np.where(wide, half, 1.0)[:, None], -1, 1)
-    moments = np.einsum("pk,pkn->pn", weights, legendre.legvander(place, _TERMS - 1))
+    positions = np.clip((points - (low + half)[:, None]) / np.where(wide, half, 1.0)[:, None], -1, 1)
+    moments = np.einsum("pk,pkn->pn", weights, legendre.legvander(positions, _TERMS - 1))
     moments[~wide, 1:] = 0.0
     shares = np.abs(np.diff(lazy_special.ndtr(-np.abs(cuts)), axis=1))
     shares = np.where((cuts[:, :-1] < 0) & (cuts[:, 1:] > 0), np.diff(lazy_special.ndtr(cuts), axis=1), shares)
@@ -563,7 +568,7 @@ def series_of(law: Law) -> Series | None:
 
 @dataclass(frozen=True, eq=False)
 class DerivedProjection(Projection):
-    """Projection of a law of one number by the series of its density."""
+    """Projection of a law of one component by the series of its density."""
 
     law: Law
     size: float
@@ -571,7 +576,7 @@ class DerivedProjection(Projection):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The ends of the support, or the farthest value drawn of an unbounded law."""
+        """The ends of the support, or the outermost values drawn from an unbounded law."""
         mean = float(self.law.mean_vector[0])
         low, high = sorted(self.size * (end - mean) for end in self.law.interval(0))
         return low, high
@@ -587,7 +592,7 @@ class DerivedProjection(Projection):
         return tuple(self.position(np.array(self.breaks)).tolist())
 
     def _panels(self, z: Array) -> tuple[Array, NDArray[np.intp], Array]:
-        """Return deviations, their panels and their places there, -1 to 1."""
+        """Return deviations, their panels and their positions in the panels, -1 to 1."""
         x = z / self.size
         k = np.clip(np.searchsorted(self.series.low, x, side="right") - 1, 0, None)
         half = self.series.half[k]
@@ -634,15 +639,15 @@ class DerivedProjection(Projection):
             slow = np.flatnonzero((np.abs(omega) * half < _SLOW) | narrow[panel])
             points, weights = self.series.points[panel], self.series.weights[panel]
             step = max(1, 2**20 // _NODES)
-            for some in (slow[first : first + step] for first in range(0, slow.size, step)):
-                value[some] += np.exp(1j * np.outer(omega[some], points)) @ weights
+            for batch in (slow[first : first + step] for first in range(0, slow.size, step)):
+                value[batch] += np.exp(1j * np.outer(omega[batch], points)) @ weights
             fast = np.setdiff1d(np.arange(omega.size), slow, assume_unique=True)
             z = omega[fast] * half
-            before, bessel = np.cos(z) / z, np.sin(z) / z
+            previous, bessel = np.cos(z) / z, np.sin(z) / z
             total = np.zeros(fast.size, dtype=complex)
             for n, factor in enumerate(powers * self.series.moments[panel]):
                 total += factor * bessel
-                before, bessel = bessel, (2 * n + 1) / z * bessel - before
+                previous, bessel = bessel, (2 * n + 1) / z * bessel - previous
             value[fast] += total * np.exp(1j * omega[fast] * middle)
         return value.reshape(np.shape(frequency))
 
@@ -652,11 +657,11 @@ class DerivedProjection(Projection):
         return 1e-12 + 5.0 * float(np.abs(self.series.moments[:, -2:]).sum())
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the least bound P(density above c) + V_c/ω, with V_c the variation of the density cut off at c."""
+        """Return the minimum over c of P(density above c) + V_c/ω, with V_c the variation of the density cut off at c."""
         omega = abs(self.size) * np.asarray(frequency, dtype=float)
         bound = np.ones_like(omega)
-        for above, turn in zip(*self.series.bounds, strict=True):
-            bound = np.minimum(bound, above + turn / np.maximum(omega, 1e-200))
+        for above, variation in zip(*self.series.bounds, strict=True):
+            bound = np.minimum(bound, above + variation / np.maximum(omega, 1e-200))
         return bound
 
 
@@ -669,15 +674,15 @@ def straight_lines(law: Law) -> Array | None:
     scale = math.sqrt(law.covariance[0, 0])
     edges = np.union1d(np.linspace(0, 1, 257), np.array(law.breaks, dtype=float))
     while True:
-        # just inside the ends, because the law may jump at an edge; 0 and 1 are never drawn
+        # slightly inside the ends, because the law may jump at an edge; 0 and 1 are never drawn
         u = np.stack([np.nextafter(edges[:-1], 2), (edges[:-1] + edges[1:]) / 2, np.nextafter(edges[1:], -1)])
         begin, middle, end = law.sample(np.clip(u, 1 - LAST_UNIFORM, LAST_UNIFORM).reshape(1, -1))[0].reshape(u.shape)
-        bent = np.abs(middle - (begin + end) / 2) > _LINE_ERROR * scale
-        bent &= np.diff(edges) > 2.0**-48
-        if not bent.any() or edges.size > _MOST_LINES:
+        is_bent = np.abs(middle - (begin + end) / 2) > _LINE_ERROR * scale
+        is_bent &= np.diff(edges) > 2.0**-48
+        if not is_bent.any() or edges.size > _MOST_LINES:
             break
-        edges = np.union1d(edges, u[1][bent])
+        edges = np.union1d(edges, u[1][is_bent])
     rising = np.diff(np.stack([begin, end], axis=1).ravel()) >= -1e-9 * scale
-    if bent.any() or not rising.all():
+    if is_bent.any() or not rising.all():
         return None
     return np.column_stack([edges[:-1], begin, (end - begin) / np.diff(edges), end])

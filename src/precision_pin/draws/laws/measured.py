@@ -1,4 +1,4 @@
-"""Laws of measured numbers: quantiles, two points, rows of a table, and jointly normal numbers."""
+"""Laws from measurements: quantiles, two points, rows of a table, and joint normal components."""
 
 from __future__ import annotations
 
@@ -45,6 +45,7 @@ from precision_pin.draws.laws.projection import (
     triangular_root,
 )
 
+# JSON schemas: a column of a file, and the value under `empirical`
 _COLUMN_FILE: Final = object_schema({"file": {"type": "string"}, "column": {"type": "string"}}, "file")
 _EMPIRICAL_SCHEMA: Final[Mapping[str, Any]] = {
     "type": "object",
@@ -59,12 +60,12 @@ _EMPIRICAL_SCHEMA: Final[Mapping[str, Any]] = {
 
 
 class BoundedLaw(Law):
-    """A law of one number between two ends."""
+    """A law of one component between two bounds."""
 
     @property
     @abstractmethod
     def ends(self) -> tuple[float, float]:
-        """The lowest and the highest value."""
+        """The minimum and maximum."""
 
     def support(self, direction: ArrayLike) -> float:
         """Return h(w) = w·highest for w above zero, w·lowest below."""
@@ -77,8 +78,8 @@ class Empirical(BoundedLaw):
     """A measured distribution: a table of quantiles with straight lines between them.
 
     Attributes:
-        quantiles: ``(p, x)``: with probability p the number is at most x. From p = 0 to p = 1; neither p nor x ever
-            falls. A p given twice is a gap without values; an x given twice is a value with a probability of its own.
+        quantiles: ``(p, x)``: with probability p the value is at most x. From p = 0 to p = 1; neither p nor x ever
+            decreases. A repeated p is a gap without values; a repeated x is a discrete value.
 
     Raises:
         InputError: A table that does not begin at p = 0, end at p = 1 or rise.
@@ -121,14 +122,14 @@ class Empirical(BoundedLaw):
                 "empirical takes samples (empirical: {samples: 0.1 0.3 0.2 mm}) or quantiles "
                 "(empirical: {quantiles: [[0, -0.1 mm], [1, 0.2 mm]]}), in the sheet or as {file: gauge.csv, column: gap}",
             )
-        what, given = next(iter(value.items()))
-        where: Place = ("empirical", what)
+        key, setting = next(iter(value.items()))
+        where: Place = ("empirical", key)
         table = None
-        if isinstance(given, Mapping):
+        if isinstance(setting, Mapping):
             reader.only(where, "file", "column")
             table = reader.file(*where, "file")
         with reader.place_errors(where):
-            if what == "samples":
+            if key == "samples":
                 return cls.from_samples(_column(reader, table, where) if table else reader.numbers(*where))
             if table is not None:
                 values = _column(reader, table, where, "p")
@@ -139,7 +140,7 @@ class Empirical(BoundedLaw):
     def from_samples(cls, samples: Iterable[float]) -> Empirical:
         """Return the law of n samples, with the k-th smallest as the quantile at (k - 1/2)/n (Hazen).
 
-        Half of the probability of the smallest and of the largest sample stays at it, which keeps the mean.
+        Half of the probability of the smallest and of the largest sample stays at the sample, which preserves the mean.
 
         Raises:
             InputError: No sample, or one that is not finite.
@@ -164,7 +165,7 @@ class Empirical(BoundedLaw):
     @cached_property
     @returns_read_only
     def segments(self) -> Array:
-        """Straight lines ``(s, 4)``: probability and value at the begin of each, its slope, the value at its end."""
+        """Straight lines ``(s, 4)``: probability and value at the start, slope, value at the end."""
         p, x = self._knots
         step = np.diff(p)
         slopes = np.divide(np.diff(x), step, out=np.zeros_like(step), where=step > 0)
@@ -205,7 +206,7 @@ class Empirical(BoundedLaw):
 
     @property
     def measured(self) -> Array | None:
-        """The samples; None if :meth:`from_samples` would not make this table."""
+        """The samples; None if the table is not of the form of :meth:`from_samples`."""
         p, x = self._knots
         count = p.size - 2
         if count < 1 or x[0] != x[1] or x[-1] != x[-2]:
@@ -223,8 +224,8 @@ class Empirical(BoundedLaw):
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         low, high = self.ends
         unit = WrittenUnit.suiting(quantities[0], self.ends)
-        far = spread(self.mean_vector, self.covariance, quantities[0])
-        return f"measured: {len(self.quantiles)} quantiles from {unit(low)} to {unit(high)}{far}"
+        statistics_text = spread(self.mean_vector, self.covariance, quantities[0])
+        return f"measured: {len(self.quantiles)} quantiles from {unit(low)} to {unit(high)}{statistics_text}"
 
     def kernel_row(self) -> KernelRow:
         return KernelRow("empirical", self.segments)
@@ -251,12 +252,12 @@ class Empirical(BoundedLaw):
 
 
 def _column(reader: SheetReader, table: Measured, where: Place, *others: str) -> tuple[float, ...]:
-    """Return the named column, or else the only one besides ``others``."""
-    rest = [name for name in table.names if name not in others]
+    """Return the named column, or else the only column besides ``others``."""
+    candidates = [name for name in table.names if name not in others]
     name = reader.value(*where).get("column")
-    if name is None and len(rest) != 1:
+    if name is None and len(candidates) != 1:
         raise reader.error(where, f"{table.file} has the columns {', '.join(table.names)}: choose one with column:")
-    return reader.column(table, rest[0] if name is None else str(name), where)
+    return reader.column(table, candidates[0] if name is None else str(name), where)
 
 
 def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]:
@@ -272,12 +273,12 @@ def _pairs(reader: SheetReader, where: Place) -> tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class TwoPoint(BoundedLaw):
-    """One of two values, centre - half_width or centre + half_width, such as a clearance taken up on one side.
+    """Two values, centre - half_width or centre + half_width, such as a clearance taken up on either side.
 
     Attributes:
-        half_width: Half the distance between the two.
-        centre: Their midpoint; the mean only if both are equally likely.
-        probability: Probability of the upper one.
+        half_width: Half the distance between the values.
+        centre: Midpoint; the mean only if both are equally likely.
+        probability: Probability of the upper value.
 
     Examples:
         >>> law = pp.TwoPoint(half_width=0.02, probability=0.25)
@@ -367,6 +368,7 @@ class TwoPoint(BoundedLaw):
         return np.exp(1j * t * self.centre) * swing
 
 
+# JSON schema of columns of a file
 _ROWS_FILE: Final = object_schema({"file": {"type": "string"}, "columns": {"type": "array"}}, "file")
 
 
@@ -375,8 +377,8 @@ class Rows(Law):
     """Several numbers measured together: the rows of a table, all equally likely.
 
     Args:
-        table: The rows, all of one length.
-        names: Names of the columns; numbered from 0 if left out.
+        table: The rows, of equal length.
+        names: Names of the columns (default: numbers from 0).
 
     Raises:
         InputError: No rows, rows of different lengths, a number that is not finite, or names that do not fit.
@@ -448,21 +450,21 @@ class Rows(Law):
 
     @property
     def covariance(self) -> Array:
-        """Covariance ``(size, size)`` of the rows as the whole population, divided by their number."""
+        """Covariance ``(size, size)`` of the rows as the whole population, divisor N."""
         centred = self.array - self.mean_vector
         return centred.T @ centred / len(self.table)
 
     def sample(self, variates: Array) -> Array:
         """Return row ⌊u₀ n⌋ of n; the other uniform numbers are unused."""
-        chosen = np.floor(variates[0] * len(self.table)).astype(np.intp)
-        return self.array[chosen].T
+        rows = np.floor(variates[0] * len(self.table)).astype(np.intp)
+        return self.array[rows].T
 
     def support(self, direction: ArrayLike) -> float:
         return float((self.array @ np.asarray(direction, dtype=float)).max())
 
     @property
     def cell_edges(self) -> Array:
-        """Evenly spaced uniform numbers between which one row is drawn."""
+        """Evenly spaced uniform numbers between which the same row is drawn."""
         return np.arange(len(self.table) + 1) / len(self.table)
 
     @property
@@ -509,9 +511,9 @@ class JointNormal(Law):
 
     Args:
         matrix: Covariance, row by row; symmetric and positive semi-definite.
-        centre: Mean, zero if left out.
-        bounds: Lowest and highest value of each number (infinite for none), as a calibration leaves them: samples
-            beyond are moved to the bound. Mean, covariance and characteristic function are those without bounds.
+        centre: Mean (default: zero).
+        bounds: Minimum and maximum of each component (infinite if unbounded), from a calibration: samples beyond are
+            moved to the bound. Mean, covariance and characteristic function are those without bounds.
 
     Raises:
         InputError: The matrix is not square, not symmetric or not positive semi-definite, or a bound is not a pair.
@@ -609,7 +611,7 @@ class JointNormal(Law):
         return np.clip(value, *np.array(self.bounds).T[:, :, None]) if self.bounds else value
 
     def support(self, direction: ArrayLike) -> float:
-        """Return infinity, or w·mean if the law does not vary along w; with bounds that of their box."""
+        """Return infinity, or w·mean if the law does not vary along w; with bounds the support of their box."""
         w = np.asarray(direction, dtype=float)
         if self.bounds:
             return float(sum(x * ends[int(x > 0)] for x, ends in zip(w, self.bounds, strict=True) if x))
@@ -617,11 +619,11 @@ class JointNormal(Law):
         return math.inf if np.abs(self.root.T @ w).max() > rounding else float(w @ self.mean_vector)
 
     def interval(self, number: int) -> tuple[float, float]:
-        """Return the number's mean ± 8.6 σ, within its bounds."""
+        """Return mean ± 8.6 σ of the component, within its bounds."""
         check_whole("the index of a number of the law", number, 0, self.size - 1)
-        mean, reach = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
+        mean, half_width = float(self.mean_vector[number]), FARTHEST_NORMAL * math.sqrt(self.matrix[number][number])
         low, high = self.bounds[number] if self.bounds else (-math.inf, math.inf)
-        return max(mean - reach, low), min(mean + reach, high)
+        return max(mean - half_width, low), min(mean + half_width, high)
 
     def ellipsoid(self, k: float) -> Array:
         """Return the ellipsoid (x - mean)ᵀ Σ⁻¹ (x - mean) = k²."""
@@ -635,8 +637,8 @@ class JointNormal(Law):
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         unit = np.where(std > 0, std, 1.0)
         largest = float(np.abs((covariance / np.outer(unit, unit))[~np.eye(self.size, dtype=bool)]).max(initial=0.0))
-        together = f"correlations up to {largest:.3g}" if largest > 1e-12 else "not correlated"
-        return f"{self.size} numbers jointly normal, {deviations(self.components, covariance, quantities)}, {together}"
+        correlation_text = f"correlations up to {largest:.3g}" if largest > 1e-12 else "not correlated"
+        return f"{self.size} numbers jointly normal, {deviations(self.components, covariance, quantities)}, {correlation_text}"
 
     def kernel_row(self) -> KernelRow:
         """Return the mean, the root of the covariance and any bounds, row by row."""
@@ -645,8 +647,8 @@ class JointNormal(Law):
         rows = [self.mean_vector, self.root]
         if not self.bounds:
             return KernelRow("joint", np.vstack(rows), tuple(ends))
-        within = tuple((max(a, low), min(b, high)) for (a, b), (low, high) in zip(ends, self.bounds, strict=True))
-        return KernelRow("joint", np.vstack([*rows, np.array(self.bounds).T]), within)
+        intervals = tuple((max(a, low), min(b, high)) for (a, b), (low, high) in zip(ends, self.bounds, strict=True))
+        return KernelRow("joint", np.vstack([*rows, np.array(self.bounds).T]), intervals)
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return exp(i t·mean - tᵀΣt/2)."""
@@ -659,8 +661,8 @@ def _check_bounds(bounds: object, size: int) -> tuple[tuple[float, float], ...]:
     """Return bounds, perhaps infinite, as pairs of floats."""
     if isinstance(bounds, tuple) and not bounds:
         return ()
-    listed = bounds if isinstance(bounds, tuple | list) and len(bounds) == size else ()
-    pairs = [pair for pair in listed if isinstance(pair, tuple | list) and len(pair) == 2]
+    entries = bounds if isinstance(bounds, tuple | list) and len(bounds) == size else ()
+    pairs = [pair for pair in entries if isinstance(pair, tuple | list) and len(pair) == 2]
     ends = [end for pair in pairs for end in pair]
     if len(pairs) != size or not all(isinstance(end, float | int) and not math.isnan(end) for end in ends):
         what = f"{size} pairs of a lowest and a highest value, or none"

@@ -1,6 +1,6 @@
-"""The projection of a draw on one direction, the random number ``z = w·(x - mean)``, and numerics shared by laws.
+"""Projection of a draw on one direction, the random value ``z = w·(x - mean)``, and numerics shared by laws.
 
-A projection has cumulative law and density in closed form, a smooth parametrisation to integrate along, and a
+A projection has a cumulative distribution and density in closed form, a smooth parametrisation for integrals, and a
 non-increasing bound of its characteristic function, which certifies the truncation error of an inversion.
 """
 
@@ -20,7 +20,7 @@ from precision_pin.draws import lazy_special
 
 
 class Projection(ABC):
-    """The number along one direction of a law, of zero mean (of any mean for :class:`Lines`).
+    """The value along one direction of a law, with zero mean (any mean for :class:`Lines`).
 
     Parametrised as z = position(s) with the probability weight(s) ds, s from the first to the last of ``breaks``; both
     functions are smooth between the breaks.
@@ -38,16 +38,16 @@ class Projection(ABC):
 
     @property
     def kinks(self) -> tuple[float, ...]:
-        """Values between which the cumulative law is smooth with little change of slope."""
+        """Values between which the cumulative distribution is smooth with little change of slope."""
         return self.ends
 
     @abstractmethod
     def cumulative(self, z: Array) -> Array:
-        """Return P(number ≤ z)."""
+        """Return P(value ≤ z)."""
 
     @abstractmethod
     def density(self, z: Array) -> Array:
-        """Return the density; NaN where it has none."""
+        """Return the density; NaN if there is none."""
 
     @abstractmethod
     def position(self, s: Array) -> Array:
@@ -59,7 +59,7 @@ class Projection(ABC):
 
     @abstractmethod
     def parameter(self, z: Array) -> Array:
-        """Return the parameter of a value; beyond an end, that of the end."""
+        """Return the parameter of a value; beyond an end, the parameter of the end."""
 
     @abstractmethod
     def envelope(self, frequency: Array) -> Array:
@@ -67,20 +67,20 @@ class Projection(ABC):
 
     @abstractmethod
     def characteristic(self, frequency: Array) -> NDArray[np.complex128]:
-        """Return E exp(i ω z), from deviations alone, so that a mean far larger than the spread costs no digits."""
+        """Return E exp(i ω z), computed from deviations, so that a mean far larger than the spread costs no digits."""
 
     @property
     def characteristic_error(self) -> float:
-        """Bound of the error of :meth:`characteristic`, without that of rounding ω."""
+        """Bound of the error of :meth:`characteristic`, without the rounding of ω."""
         return 1e-15
 
     def within(self, score: float) -> tuple[float, float]:
-        """Return limits outside which lies no more probability than outside ± ``score`` of a standard normal law."""
+        """Return bounds outside which the probability is at most that outside ± ``score`` of a standard normal law."""
         return self.ends
 
     @property
     def is_bounded(self) -> bool:
-        """True if nothing lies beyond the ends."""
+        """True if the probability beyond the ends is zero."""
         return True
 
 
@@ -106,11 +106,11 @@ class SymmetricProjection(Projection):
 
 @dataclass(frozen=True, eq=False)
 class Lines(Fixed, Projection):
-    """Uniform pieces and single values: projection of empirical and two-point laws and of rows of a table.
+    """Uniform pieces and discrete values: projection of empirical and two-point laws and of rows of a table.
 
     Attributes:
         shares: Probability of each piece, ``(s,)``.
-        begins, stops: Lower and upper end of each, rising, ``(s,)``; equal for a single value.
+        begins, stops: Lower and upper end of each, ascending, ``(s,)``; equal for a discrete value.
     """
 
     shares: Array
@@ -119,7 +119,7 @@ class Lines(Fixed, Projection):
 
     @classmethod
     def of(cls, shares: Array, begins: Array, stops: Array) -> Lines:
-        """Return the pieces in rising order."""
+        """Return the pieces in ascending order."""
         low, high = np.minimum(begins, stops), np.maximum(begins, stops)
         order = np.lexsort((high, low))
         return cls(shares[order], low[order], high[order])
@@ -143,7 +143,7 @@ class Lines(Fixed, Projection):
         return passed @ self.shares
 
     def density(self, z: Array) -> Array:
-        """Return the density; NaN if any value has its own probability."""
+        """Return the density; NaN if there is a discrete value."""
         if (self.begins == self.stops).any():
             return np.full_like(z, np.nan)
         inside = (z[..., None] >= self.begins) & (z[..., None] < self.stops)
@@ -165,8 +165,8 @@ class Lines(Fixed, Projection):
         halves, middles = (self.stops - self.begins) / 2, (self.stops + self.begins) / 2
 
         def of(part: Array) -> NDArray[np.complex128]:
-            turned = np.sinc(part.T * halves / np.pi) * np.exp(1j * part.T * middles)
-            return turned @ self.shares
+            waves = np.sinc(part.T * halves / np.pi) * np.exp(1j * part.T * middles)
+            return waves @ self.shares
 
         return in_chunks(of, frequency[None], 4 * halves.size)
 
@@ -176,7 +176,7 @@ class Lines(Fixed, Projection):
         return 1e-15 + 1.2e-16 * self.shares.size
 
     def envelope(self, frequency: Array) -> Array:
-        """Σ share · min(1, 2/(length ω)): the bound of each piece, 1 for a single value."""
+        """Σ share · min(1, 2/(length ω)): the bound of each piece, 1 for a discrete value."""
         lengths = (self.stops - self.begins) / 2
         bounds = np.array([power_bound(1.0, 1.0, length * frequency) for length in lengths])
         value: Array = np.tensordot(self.shares, bounds, axes=1)
@@ -189,21 +189,22 @@ def power_bound(factor: float, power: float, z: Array) -> Array:
 
 
 FARTHEST_NORMAL: Final = 8.6
-"""Largest normal number drawn, in standard deviations: the smallest uniform number is 2⁻⁵³."""
+"""Largest normal number drawn, in standard deviations, rounded up: Box-Muller of the smallest uniform number, 2⁻⁵³."""
 
 LAST_UNIFORM: Final = 1 - 2.0**-53
 """Largest uniform number drawn; the smallest is as far from zero."""
 
 Moments = tuple[float, float, float]
-"""E ζ³, E ζ⁴ of standardised numbers and E ζ_k² ζ_l² of two of them."""
+"""E ζ³, E ζ⁴ of standardised components and E ζ_k² ζ_l² of two of them."""
 
 NORMAL_MOMENTS: Final[Moments] = (0.0, 3.0, 1.0)
+"""Moments of independent standard normal components."""
 
 _PANELS: Final = 36
-"""Panels of the quadrature over normal scores, before splitting at the breaks."""
+"""Panels of the quadrature over normal scores, before splitting at the breaks: each is 0.48 standard deviations wide."""
 
 _CHUNK: Final = 2**20
-"""Numbers that :func:`in_chunks` holds in memory at once."""
+"""Numbers that :func:`in_chunks` holds in memory at once: 16 MiB of complex numbers."""
 
 
 def in_chunks(
@@ -228,7 +229,7 @@ def triangular_root(covariance: Array) -> Array:
 
 
 def moments_of(values: Array, weights: Array) -> Moments:
-    """Return the moments of weighted values; those of a normal number if they do not vary."""
+    """Return the moments of weighted values; normal moments if they do not vary."""
     deviations = values - weights @ values
     variance = float(weights @ deviations**2)
     if variance <= 0:
@@ -238,10 +239,10 @@ def moments_of(values: Array, weights: Array) -> Moments:
 
 
 def moments_by_quadrature(at_scores: Callable[[Array], Array], breaks: Sequence[float]) -> Moments:
-    """Return the moments of a number from its values at normal scores, by Gauss-Legendre panels.
+    """Return the moments of a component from its values at normal scores, by Gauss-Legendre panels.
 
     ``at_scores`` maps scores ``(1, N)`` to values ``(1, N)``; panels are split at ``breaks``, the uniform numbers at
-    which the values jump or bend.
+    which the values have jumps or kinks.
     """
     z, weights, _ = score_panels(breaks, 16)
     return moments_of(at_scores(z.reshape(1, -1))[0], weights.ravel())

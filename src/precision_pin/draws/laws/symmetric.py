@@ -1,4 +1,4 @@
-"""Symmetric laws of one number: fixed, uniform, triangular, arcsine, normal and truncated normal."""
+"""Symmetric laws of one component (fixed, uniform, triangular, arcsine, normal, truncated normal), disc and circle."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from precision_pin.draws.philox import direction
 
 
 class SymmetricLaw(Law):
-    """A law of one number that is symmetric about its mean."""
+    """A law of one component, symmetric about its mean."""
 
     mean: float
 
@@ -76,7 +76,7 @@ class SymmetricLaw(Law):
 
 @dataclass(frozen=True)
 class HalfWidthLaw(SymmetricLaw):
-    """A symmetric law on mean ± half_width; its key in a sheet holds the half-width."""
+    """A symmetric law on mean ± half_width; the value of its key in a sheet is the half-width."""
 
     along: ClassVar[type[SymmetricProjection]]
     divisor: ClassVar[float]
@@ -107,7 +107,7 @@ class HalfWidthLaw(SymmetricLaw):
 
 @dataclass(frozen=True)
 class Fixed(SymmetricLaw):
-    """A number that does not vary, but is a parameter, so that derivatives by it exist.
+    """A constant that is a parameter, so that derivatives by it exist.
 
     Examples:
         >>> print(pp.Fixed(0.085).mean_vector)
@@ -223,7 +223,7 @@ class _TriangularProjection(_StraightProjection):
         return (np.sinc(self.reach * frequency / (2 * np.pi)) ** 2).astype(complex)
 
     def envelope(self, frequency: Array) -> Array:
-        """min(1, 4/(a ω)²), the square of a uniform law's of half the reach."""
+        """min(1, 4/(a ω)²), the square of the bound of a uniform law of half the reach."""
         return power_bound(4.0, 2.0, self.reach * frequency)
 
 
@@ -243,10 +243,10 @@ class Triangular(HalfWidthLaw):
     divisor: ClassVar = 6
     words: ClassVar = "triangular"
     breaks: ClassVar = (0.5,)
-    """Where the density has a kink."""
+    """Location of the kink of the density."""
 
     def sample(self, variates: Array) -> Array:
-        """Return the inverse of the cumulative law, from the nearer end."""
+        """Return the inverse of the cumulative distribution, from the nearer end."""
         tail = np.minimum(variates, 1 - variates)
         deviation: Array = np.copysign(1 - np.sqrt(2 * tail), variates - 0.5)
         return self.mean + self.half_width * deviation
@@ -309,7 +309,7 @@ class Arcsine(HalfWidthLaw):
 
 
 SMALLEST_K: Final = 1e-3
-"""Smallest k of a truncated normal law; its samples are exact to 1e-16/k of its half-width."""
+"""Smallest k of a truncated normal law: its samples, exact to 1e-16/k of the half-width, then have 13 digits."""
 
 
 @dataclass(frozen=True)
@@ -344,7 +344,7 @@ class TruncatedNormal(SymmetricLaw):
         return self.k * self.std
 
     def sample(self, variates: Array) -> Array:
-        """Return the inverse of the cumulative law, symmetrically from the nearer end."""
+        """Return the inverse of the cumulative distribution, symmetrically from the nearer end."""
         tail = np.minimum(variates, 1 - variates)
         cut = lazy_special.ndtr(-self.k)
         score = lazy_special.ndtri(cut + tail * math.erf(self.k / math.sqrt(2)))
@@ -412,15 +412,15 @@ class _TruncatedProjection(SymmetricProjection):
         return 2e-15 / self._inner
 
     def envelope(self, frequency: Array) -> Array:
-        """Return the bound of the normal law plus that of the removed tails, over P(|z| < k)."""
-        # The tails' bound is the smaller of their probability and their total variation over ω, 4φ(k)/ω. For small k,
-        # the total variation of the whole density over ω is smaller.
+        """Return the bound of the normal law plus the bound of the removed tails, over P(|z| < k)."""
+        # The bound of the tails is the minimum of their probability and their total variation over ω, 4φ(k)/ω. For small
+        # k, the total variation of the whole density over ω is smaller.
         omega = np.maximum(self.reach / self.k * frequency, 1e-300)
         height = math.exp(-(self.k**2) / 2) / math.sqrt(2 * math.pi)
         tails = np.minimum(2 * lazy_special.ndtr(-self.k), 4 * height / omega)
         cut = (np.exp(-(omega**2) / 2) + tails) / self._inner
-        whole = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
-        return np.minimum(np.minimum(cut, whole), 1.0)
+        uncut = 2 / (math.sqrt(2 * math.pi) * self._inner * omega)
+        return np.minimum(np.minimum(cut, uncut), 1.0)
 
 
 @dataclass(frozen=True)
@@ -428,7 +428,7 @@ class Normal(SymmetricLaw):
     """Normal of standard deviation ``std``.
 
     Attributes:
-        k: Standard deviations in the half-width that it was made from; ``None`` if made from ``std``.
+        k: Standard deviations per half-width, if defined by its half-width; else ``None``.
 
     Examples:
         >>> print(pp.Normal(std=2.0, mean=1.0).sample(np.array([[-1.0, 0.0, 1.0]])))  # of normal scores
@@ -482,7 +482,7 @@ class Normal(SymmetricLaw):
 
     @classmethod
     def from_half_width(cls, half_width: float, mean: float = 0.0, *, k: float = 3.0) -> Normal:
-        """Return the law whose half-width is k standard deviations."""
+        """Return the law with a half-width of k standard deviations."""
         allowed = "zero or more and finite"
         half = check_number("the half-width of a normal law", half_width, allowed, lambda value: value >= 0)
         return cls(half / check_number("k", k, "positive and finite", lambda value: value > 0), mean, k=k)
@@ -504,7 +504,7 @@ class Normal(SymmetricLaw):
         return correlation * self.std * other.std if isinstance(other, Normal) else None
 
     def covariance_by_scores(self, correlation: float, nodes: Callable[[float], tuple[Array, Array]]) -> float:
-        """Return the integral of ρ σ z, the number's mean at a score z of the other."""
+        """Return the integral of ρ σ z, its mean at a score z of the other component."""
         z, weighted = nodes(0.0)
         return self.std * correlation * float((weighted * z).sum())
 
@@ -535,11 +535,11 @@ LARGEST_SCALED_BESSEL: Final = 0.82504
 
 @dataclass(frozen=True)
 class PlaneLaw(Law):
-    """A law of two numbers with circular symmetry about the origin; its key in a sheet holds the radius.
+    """A law of two components with circular symmetry about the origin; the value of its key in a sheet is the radius.
 
     Attributes:
-        along: Its projection on any direction, given the radius.
-        divisor: Square of the radius over the variance on either axis.
+        along: Its projection on any direction, by the radius.
+        divisor: Square of the radius over the variance along either axis.
     """
 
     size: ClassVar = 2
@@ -574,7 +574,7 @@ class PlaneLaw(Law):
         return self.along(self.radius * math.hypot(*weights))
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """Return that of the projection at |t|."""
+        """Return the characteristic function of the projection at |t|."""
         return self.along(self.radius).characteristic(np.hypot(*np.asarray(frequency, dtype=float)))
 
 
@@ -623,7 +623,7 @@ class Disc(PlaneLaw):
         return self.radius * np.sqrt(variates[0]) * direction(variates[1])
 
     def from_normals(self, normals: Array) -> Array:
-        """Return r √(1 - exp(-|z|²/2)) in the direction of z: polar coordinates would jump at one angle."""
+        """Return r √(1 - exp(-|z|²/2)) in the direction of z: polar coordinates would jump at an angle."""
         length = np.hypot(*normals)
         unit = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
         return self.radius * np.sqrt(-np.expm1(-(length**2) / 2)) * unit
@@ -633,8 +633,8 @@ class Disc(PlaneLaw):
         return 0.0, 2.0, 2 / 3
 
     def tolerance(self, quantities: Sequence[Quantity | None]) -> str:
-        known = [quantity for quantity in quantities if quantity is not None and quantity.si]
-        return f"radius {write_number(self.radius, known[0])}" if known else ""
+        known_quantities = [quantity for quantity in quantities if quantity is not None and quantity.si]
+        return f"radius {write_number(self.radius, known_quantities[0])}" if known_quantities else ""
 
 
 @dataclass(frozen=True)
@@ -657,13 +657,13 @@ class Circle(PlaneLaw):
     """The second variate, which gives the angle."""
 
     def sample(self, variates: Array) -> Array:
-        """Return the point at the angle 2π u₁; u₀ is unused, so that a circle in place of a disc keeps its angles."""
+        """Return the point at the angle 2π u₁; u₀ is unused, so that a disc replaced by a circle keeps its angles."""
         return self.radius * direction(variates[1])
 
     def from_normals(self, normals: Array) -> Array:
-        """Return the point at the angle 4π Φ(z₁), so that |z₁| below 0.7 covers every angle."""
-        turn = 4 * np.pi * cumulative(normals[1])
-        return self.radius * np.array([np.cos(turn), np.sin(turn)])
+        """Return the point at the angle 4π Φ(z₁), so that |z₁| below 0.7 covers all angles."""
+        angle = 4 * np.pi * cumulative(normals[1])
+        return self.radius * np.array([np.cos(angle), np.sin(angle)])
 
     def standardised_moments(self) -> Moments:
         """Return the moments: variance r²/2, E x⁴ = 3 r⁴/8, E x² y² = r⁴/8."""
