@@ -171,8 +171,7 @@ def test_completion_is_made_for_each_shell(run, monkeypatch):
         monkeypatch.setenv("_PRECISION_PIN_COMPLETE", f"{shell}_source")
         assert f"_PRECISION_PIN_COMPLETE={shell}_complete" in run().out
     monkeypatch.setenv("_PRECISION_PIN_COMPLETE", "bash_complete")
-    monkeypatch.setenv("COMP_WORDS", "precision-pin analyze --spec")
-    monkeypatch.setenv("COMP_CWORD", "2")
+    monkeypatch.setenv("COMP_LINE", "precision-pin analyze --spec")
     assert "plain,--spec-everywhere" in run().out.split()
 
 

@@ -39,7 +39,8 @@ class Option(NamedTuple):
         argument: Keyword argument of the function.
         kind: Type of the value; :class:`pathlib.Path` for text that names a file.
         default: Default value, shown in the help unless it is None.
-        metavar: Placeholder of the value in the help; optional for numbers and choices.
+        metavar: Placeholder of the value in the help, by which the shell completes it (``POSE``, ``FILE.csv``); optional for
+            numbers and choices.
         choices: Allowed values; empty for any value.
         is_repeated: True if the option may be repeated; the argument is then a tuple.
         is_of_table: True if the table takes the argument instead of the analysis.

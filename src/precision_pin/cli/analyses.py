@@ -57,7 +57,7 @@ def make_command(declaration: Declaration) -> click.Command:
         every = shared.output_option("--all", ALL, is_flag=True, help="Print all rows, however low the terminal is.")
         command = every(command)
     name, metavar = declaration.arguments
-    command = click.argument(name, nargs=-1, metavar=metavar)(command)
+    command = shared.argument(name, nargs=-1, metavar=metavar)(command)
     kind = shared.SamplingCommand if declaration.is_sampled else shared.Command
     made = click.command(declaration.name, cls=kind, help=declaration.description)(command)
     made.data_suffixes = declaration.data_suffixes
@@ -66,9 +66,7 @@ def make_command(declaration: Declaration) -> click.Command:
 
 def make_option(option: Option) -> shared.Decorator:
     """Return the option of a command."""
-    group = option.group or (OUTPUT if option.is_of_table else "")
-    make = partial(shared.headed_option, heading=group) if group else click.option
-    return make(
+    return shared.headed_option(
         option.flag,
         option.argument,
         type=click.Choice(option.choices) if option.choices else shared.FILE if option.kind is Path else option.kind,
@@ -79,6 +77,7 @@ def make_option(option: Option) -> shared.Decorator:
         required=option.is_needed,
         metavar=option.metavar,
         help=option.help,
+        heading=option.group or (OUTPUT if option.is_of_table else shared.OWN),
     )
 
 

@@ -39,15 +39,15 @@ FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*")
 @shared.seed_option
 @shared.model_option
 @shared.spec_option
-@click.option(
+@shared.headed_option(
     "--spec-everywhere", is_flag=True, help="Of several poses: a robot is inside only if it is at all of them."
 )
-@click.option(
+@shared.headed_option(
     "--relative-to",
     metavar="POSE",
     help="Subtract the same robot's errors at this pose: a name, or joint values as in --q.",
 )
-@click.option(
+@shared.headed_option(
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
 )
 @worker_options

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import click
 
 from precision_pin.base.errors import UnknownNameError
-from precision_pin.cli.options import Command
+from precision_pin.cli.options import Command, argument
 from precision_pin.cli.streams import count_columns, echo_data
 
 WIDTH: Final = 100
@@ -49,7 +49,7 @@ def list_codes() -> dict[str, CodeGroup]:
 
 
 @click.command("explain", cls=Command)
-@click.argument("codes", metavar="[CODE]...", nargs=-1)
+@argument("codes", metavar="[CODE]...", nargs=-1)
 def command(codes: tuple[str, ...]) -> None:
     """Say what a code of an error or a warning means, and what to do about it; without a code, list them all."""
     groups = list_codes()

@@ -12,7 +12,15 @@ import click
 
 from precision_pin.base.errors import Finding, InputError, OutputError, visible
 from precision_pin.cli.inputs import Outputs, chosen_pose, echo_findings, read_sheet
-from precision_pin.cli.options import FILE, Command, one_pose_options, output_option, progress_bar, seed_option
+from precision_pin.cli.options import (
+    FILE,
+    Command,
+    headed_option,
+    one_pose_options,
+    output_option,
+    progress_bar,
+    seed_option,
+)
 from precision_pin.cli.poses import AskedPose, AskedPoses, approach_poses
 from precision_pin.cli.terminal import echo_note
 
@@ -31,8 +39,8 @@ LARGE: Final = 100_000_000
 
 @click.command("export", cls=Command)
 @one_pose_options
-@click.option("--units", type=int, default=1, show_default=True, metavar="N", help="How many robots.")
-@click.option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")
+@headed_option("--units", type=int, default=1, show_default=True, metavar="N", help="How many robots.")
+@headed_option("--first", type=int, default=0, show_default=True, metavar="K", help="Number of the first unit.")
 @seed_option
 @output_option("--out", type=FILE, required=True, metavar="DIR", help="The folder to write to.")
 def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
@@ -41,6 +49,8 @@ def command(units: int, first: int, seed: int, out: str, **arm: Any) -> None:
     NAME.unit0000.urdf and so on: the robot's own text with other placements in its joints; and units.csv with the error of
     each at the pose. The units are those that analyze samples. A file holds the errors of the built robot at every pose
     and all errors (loads, draws for a pose or a visit) at the export pose.
+
+    Example: precision-pin export example:ur5 --units 3 --out built
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel

@@ -11,21 +11,21 @@ import click
 from precision_pin.base.errors import Finding, InputError, OutputError, shown, some
 from precision_pin.base.files import noted_inputs, write_files, write_text
 from precision_pin.cli.inputs import Outputs
-from precision_pin.cli.options import FILE, Command, output_option, quiet_option, robot_options
+from precision_pin.cli.options import FILE, Command, argument, headed_option, output_option, quiet_option, robot_options
 from precision_pin.cli.streams import echo_data
 from precision_pin.cli.terminal import echo_note, echo_warnings
 
 
 @click.command("init", cls=Command)
-@click.argument("robot", metavar="ROBOT.urdf")
-@click.argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...")
+@argument("robot", metavar="ROBOT.urdf|.xacro")
+@argument("arguments", nargs=-1, metavar="[NAME:=VALUE]...")
 @robot_options
 @output_option(
     "--out", type=FILE, metavar="FILE", help="The sheet; ROBOT.errors.yaml in this folder if left out, - for stdout."
 )
 @quiet_option
 @output_option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
-@click.option(
+@headed_option(
     "--mend-inertia",
     is_flag=True,
     help="Write a copy of a URDF whose inertias no body can have, with the nearest that one can; masses stay.",

@@ -58,10 +58,10 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     if len(robots) > 1 or len(sheets) > 1:
         raise InputError(describe_excess(arguments))
     robot = resolve_robot(robots[0]) if robots else None
-    if robot is not None and re.search(rb"^precision-pin:", _beginning(robot), re.MULTILINE):
+    if robot is not None and re.search(rb"^precision-pin:", beginning(robot), re.MULTILINE):
         message = "this is a sheet; name it .yaml or .yml, so that it is taken for one"
         raise InputError.of("E_FILE_KIND", message, str(robot))
-    if sheets and _beginning(Path(sheets[0])).lstrip().startswith(b"<"):
+    if sheets and beginning(Path(sheets[0])).lstrip().startswith(b"<"):
         message = "this is XML, not a sheet; name a robot .urdf, so that it is taken for one"
         raise InputError.of("E_FILE_KIND", message, str(Path(sheets[0])))
     if sheets:
@@ -70,14 +70,27 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     return Inputs(robot, _sheet_of(robots[0], robot) if sheet_needed else None)
 
 
-def _beginning(path: Path) -> bytes:
+def beginning(path: Path, size: int = 2000) -> bytes:
+    """Return the first bytes of a file, none if it cannot be read."""
     try:
         if not path.is_file():
             return b""
         with path.open("rb") as stream:
-            return stream.read(2000)
+            return stream.read(size)
     except (OSError, ValueError):
         return b""
+
+
+def find_sheet(name: str, robot: Path) -> tuple[Path | None, str]:
+    """Return the sheet for a robot given alone, None if there is none, and which it is unless that goes without saying."""
+    beside, here = robot.with_suffix(".errors.yaml"), Path(starting_sheet(robot))
+    if os.path.isfile(beside) and beside.parent != ROBOTS:
+        is_other = os.path.isfile(here) and not here.samefile(beside)
+        return beside, f"beside it, {beside}, not {here} of this folder" if is_other else ""
+    if os.path.isfile(here):
+        return here, f"of this folder, {here}"
+    shipped = shipped_sheet(name)
+    return shipped, "" if shipped is None else f"that comes with precision-pin, {shipped.name}"
 
 
 def _sheet_of(name: str, robot: Path) -> Path:
@@ -86,18 +99,11 @@ def _sheet_of(name: str, robot: Path) -> Path:
 
     if not os.path.isfile(robot):
         urdf.read(robot)
-    beside, here = robot.with_suffix(".errors.yaml"), Path(starting_sheet(robot))
-    if os.path.isfile(beside) and beside.parent != ROBOTS:
-        if os.path.isfile(here) and not here.samefile(beside):
-            echo_note(f"{name}: with the sheet beside it, {beside}, not {here} of this folder")
-        return beside
-    if os.path.isfile(here):
-        echo_note(f"{name}: with the sheet of this folder, {here}")
-        return here
-    shipped = shipped_sheet(name)
-    if shipped is not None:
-        echo_note(f"{name}: with the sheet that comes with precision-pin, {shipped.name}")
-        return shipped
+    sheet, note = find_sheet(name, robot)
+    if note:
+        echo_note(f"{name}: with the sheet {note}")
+    if sheet is not None:
+        return sheet
     read = urdf.read(robot)
     leaves = read.leaves
     command, others = f"precision-pin init {shlex.quote(name)}", ""

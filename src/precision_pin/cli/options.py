@@ -18,13 +18,15 @@ from precision_pin.cli.streams import require_resources, say
 from precision_pin.cli.terminal import echo_note, is_given, remember
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from precision_pin.draws.space import Space
 
 
 Options = Mapping[str, Any]
 """Values of a command's options by argument."""
 Decorator = Callable[[Any], Any]
-_OWN: Final = "Options"
+OWN: Final = "Options"
 _LAST: Final = (POSES, ROBOT, SAMPLING, OUTPUT)
 """Headings common to all commands, in their order after a command's own."""
 
@@ -50,19 +52,19 @@ class Command(click.Command):
                     raise click.UsageError(message, ctx)
         left = super().parse_args(ctx, args)
         inputs = [text for text in ctx.params.get("inputs") or () if not text.lower().endswith(self.data_suffixes)]
-        if len(inputs) > 2:
+        if len(inputs) > 2 and not ctx.resilient_parsing:
             # before a leftover of an unquoted option value is taken for the value
             raise click.UsageError(describe_excess(inputs), ctx)
         return left
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options: those without a heading, those under the command's own headings, then the common ones."""
-        groups: dict[str, list[tuple[str, str]]] = {_OWN: []}
+        groups: dict[str, list[tuple[str, str]]] = {OWN: []}
         help_option = self.get_help_option(ctx)
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx) if isinstance(option, click.Option) else None
             if record is not None:
-                heading = getattr(option, "heading", OUTPUT if option is help_option else _OWN)
+                heading = getattr(option, "heading", OUTPUT if option is help_option else OWN)
                 groups.setdefault(heading, []).append(record)
         for heading in sorted(filter(groups.get, groups), key=lambda one: _LAST.index(one) if one in _LAST else -1):
             with formatter.section(heading):
@@ -88,15 +90,31 @@ class SamplingCommand(Command):
         return super().invoke(ctx)
 
 
-class HeadedOption(click.Option):
+class _Completed(click.Parameter):
+    """A parameter whose placeholder says what the shell completes."""
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
+        """Return the values that begin with a text."""
+        from precision_pin.cli.completion import complete
+
+        found = complete(self, ctx, incomplete)
+        return super().shell_complete(ctx, incomplete) if found is None else found
+
+
+class Option(_Completed, click.Option):
     """An option with the heading under which ``--help`` lists it."""
 
-    def __init__(self, *arguments: Any, heading: str, **settings: Any) -> None:
+    def __init__(self, *arguments: Any, heading: str = OWN, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
         self.heading = heading
 
 
-headed_option: Final = partial(click.option, cls=HeadedOption)
+class Argument(_Completed, click.Argument):
+    """An argument of a command."""
+
+
+headed_option: Final = partial(click.option, cls=Option)
+argument: Final = partial(click.argument, cls=Argument)
 pose_option: Final = partial(headed_option, heading=POSES)
 robot_option: Final = partial(headed_option, heading=ROBOT)
 sampling_option: Final = partial(headed_option, heading=SAMPLING)
@@ -118,7 +136,7 @@ FILE: Final = click.Path(readable=False)
 """Type of an option that names a file; whether it can be read or written is checked later."""
 _Q_HELP: Final = 'Joint values: "-90 3 88 -91 deg", "0.1 m, 10 deg" or "joint1: 10 deg, …".'
 _APPROACH_HELP: Final = 'How joints moved last: "joint1 +, joint2 -"'
-inputs_argument: Final = click.argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
+inputs_argument: Final = argument("inputs", nargs=-1, metavar="[ROBOT.urdf] [SHEET.yaml]")
 seed_option: Final = sampling_option("--seed", type=int, default=0, show_default=True, metavar="S", help="64-bit seed.")
 model_option: Final = sampling_option(
     "--model",
@@ -133,7 +151,7 @@ beyond_limits_option: Final = pose_option(
     help="Judge also where poses are not reached, or joints outside their limits or too fast.",
 )
 spec_option: Final = together(
-    click.option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."),
+    headed_option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."),
     beyond_limits_option,
 )
 target_option: Final = robot_option(
@@ -187,7 +205,7 @@ pose_options: Final = together(
         "--pose",
         "pose_names",
         multiple=True,
-        metavar="NAME",
+        metavar="POSE",
         help="One of the sheet's poses, the first if left out; repeats.",
     ),
     pose_option("--all-poses", is_flag=True, help="All of the sheet's poses."),
@@ -218,7 +236,7 @@ arm_options: Final = together(inputs_argument, pose_options, target_option, chai
 """Robot, sheet and poses of a command that shows or samples them."""
 one_pose_options: Final = together(
     inputs_argument,
-    pose_option("--pose", metavar="NAME", help="One of the sheet's poses; the first if left out."),
+    pose_option("--pose", metavar="POSE", help="One of the sheet's poses; the first if left out."),
     pose_option("--q", metavar="VALUES", help=_Q_HELP),
     pose_option("--approach", metavar="DIRECTIONS", help=f"{_APPROACH_HELP}."),
     chain_options,

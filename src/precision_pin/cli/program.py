@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import traceback
 from importlib import import_module
@@ -69,6 +70,10 @@ def run() -> int:
     """Run the command line, print errors, and return the exit code."""
     prepare_streams()
     interrupts.begin()
+    if "_PRECISION_PIN_COMPLETE" in os.environ:
+        from precision_pin.cli.completion import register
+
+        register()
     code = _code()
     try:
         raise_if_output_lost()

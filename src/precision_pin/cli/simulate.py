@@ -29,10 +29,10 @@ _LONGEST: Final = 1000
 @measurement_options
 @shared.pose_options
 @shared.chain_options
-@click.option(
+@shared.headed_option(
     "--unit", type=int, default=0, show_default=True, metavar="K", help="Number of the robot that is measured."
 )
-@click.option(
+@shared.headed_option(
     "--cycles", type=int, metavar="N", help="Visit each pose N times, and write a file for iso9283 --measured."
 )
 @shared.seed_option
@@ -45,6 +45,8 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     The robot is one of those that analyze samples and export writes with the same --seed: it has all its errors at each
     pose by the exact model, loads and draws for a pose or a visit included. A pose given twice is visited twice.
     calibrate reads the file as it is; with --cycles it is one of measured cycles for iso9283 --measured, in base axes.
+
+    Example: precision-pin simulate --all-poses --unit 5 --out readings.csv
     """
     from precision_pin.analyses.readings import simulate
     from precision_pin.base.arguments import check_whole

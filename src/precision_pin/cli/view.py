@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @shared.model_option
 @shared.spec_option
 @part_options(layers=True)
-@click.option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
+@shared.headed_option("--factor", type=float, metavar="K", help="Exaggeration at first; chosen to be seen if left out.")
 @shared.output_option(
     "--out",
     type=shared.FILE,
@@ -59,6 +59,8 @@ def command(
     Without arguments: the paper's arm and sheet. Several poses get a slider. With --spec the page says at its top whether
     the limit is kept by the robots it shows, and draws it. Without --out the page is served to this
     machine only, until Ctrl-C, and rebuilt whenever the sheet or the robot changes.
+
+    Example: precision-pin view example:ur5 --spec "4 mm"
     """
     from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel

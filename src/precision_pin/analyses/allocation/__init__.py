@@ -49,6 +49,8 @@ DECLARATION = Declaration(
 
     The sheet's allocate: says which tolerances, what they cost and what must be kept. The exit code is 1 where a limit is not
     met.
+
+    Example: precision-pin allocate SHEET.yaml --out cheaper
     """,
     options=(
         *("chain", "seed", "beyond"),

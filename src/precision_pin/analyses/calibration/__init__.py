@@ -291,7 +291,7 @@ DECLARATION = Declaration(
         ),
         *("measurement", "poses"),
         Option(
-            "--at", "at_names", "A pose of the sheet to judge; all if left out; repeats.", metavar="NAME", is_repeated=True,
+            "--at", "at_names", "A pose of the sheet to judge; all if left out; repeats.", metavar="POSE", is_repeated=True,
             group=POSES,
         ),
         *("target", "chain", "seed", "json", "out", "messages"),

@@ -66,6 +66,8 @@ DECLARATION = Declaration(
     Draws of the same names have the same random numbers in all of them, so that a difference is one of the sheets. Poses are
     those of the first. A single sheet with --set is compared with itself unchanged; with several sheets --set changes all of
     them. The exit code is 1 if any of them misses a specification.
+
+    Example: precision-pin compare A.yaml B.yaml --spec "1 mm"
     """,
     options=(
         *("poses", "target", "chain"),

@@ -69,6 +69,8 @@ DECLARATION = Declaration(
 
     The constant part is the error with every component at its mean: deflection, offsets, what a calibration has found. The
     joint values are found by Newton's method on the arm with its errors. The exit code is 1 where a pose has no correction.
+
+    Example: precision-pin compensate example:ur5 --all-poses --csv q.csv
     """,
     options=(
         Option(

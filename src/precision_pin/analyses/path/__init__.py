@@ -87,6 +87,8 @@ DECLARATION = Declaration(
 
     A specification is met if enough robots keep it at every pose. Besides, bands for the error over the path: the quantile at
     each pose, and a band that holds the whole error curve of that share of the robots or more.
+
+    Example: precision-pin path example:ur5 --all-poses --spec "5 mm"
     """,
     options=(
         *("poses", "target", "chain"),
