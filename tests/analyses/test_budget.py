@@ -434,7 +434,7 @@ def test_an_angle_whose_farthest_tail_is_more_than_half_a_turn():
             assert low - 1e-6 <= part / (slide + turned) <= high + 1e-6
             assert high - low < 0.1
     sources[1] = JointOffset(joint="swivel", offset=pp.Normal(1.5))
-    with pytest.raises(pp.InputError, match="an error turns a place by half a turn"):
+    with pytest.raises(pp.InputError, match="an error rotates a frame by 180°"):
         pp.budget(pp.ErrorModel(model.chain, pp.Space(), sources), [0.0, 0.0], samples=FEW)
 
 

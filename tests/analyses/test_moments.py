@@ -117,7 +117,7 @@ def test_an_angle_whose_farthest_tail_is_more_than_half_a_turn(method):
     found = moments(one_joint_arm("normal", 0.45), method=method, samples=16 * 1024, seed=1, confidence=0.999).poses[0]
     for estimate, truth in zip(estimates(found), one_joint("normal", 0.45), strict=True):
         assert covered(estimate, truth).all()
-    with pytest.raises(pp.InputError, match="an error turns a place by half a turn"):
+    with pytest.raises(pp.InputError, match="an error rotates a frame by 180°"):
         moments(one_joint_arm("normal", 1.5), method=method, samples=16 * 1024)
 
 

@@ -353,7 +353,7 @@ def test_of_several_measurements_one_is_picked(refused, folder):
     (folder / "mixed.yaml").write_text(MIXED)
     write(folder, "data.csv", np.zeros((1, 7)))
     for arguments, message in {
-        "simulate mixed.yaml --out x.csv": "position (1), distance (1), pose (1), plane (1); --kind KIND picks",
+        "simulate mixed.yaml --out x.csv": "position (1), distance (1), pose (1), plane (1); select a kind that is listed once with --kind",
         "calibrate mixed.yaml --plan 6": "the sheet lists 4 measurements",
         "calibrate mixed.yaml --forecast --kind socket": "--kind socket: the sheet lists several",
         "calibrate mixed.yaml data.csv": "a file for each measurement that the sheet lists, in its order, or --kind",

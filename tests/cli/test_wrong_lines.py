@@ -109,7 +109,7 @@ WRONG = {
     "export --out o --first 18446744073709551616": "do not exist, from 0 to 2\\^64 - 1",
     "export --out taken": "cannot write taken/units.csv: it is a folder",
     "export made.urdf 4dof.errors.yaml --out o": "made.urdf:2: error E_XACRO: unprocessed xacro",
-    "export soft.yaml --out o": "does not come to rest|buckles|half a turn",
+    "export soft.yaml --out o": "does not come to rest|buckles|180°",
     "map --relative-to nowhere": "--relative-to: no pose named 'nowhere'",
     "path --pose paper": "a path has two poses or more",
     "path gantry.urdf --all-poses --samples 10": "10 samples do not resolve the 95 % quantile",

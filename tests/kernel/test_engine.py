@@ -476,7 +476,7 @@ def test_what_cannot_be_computed_is_told_with_pose_and_sample(scope: Scope) -> N
     x = space.sample(0, 0, 1000, pose=1)[0]
     first = int(np.flatnonzero(np.abs(4.0 * x) >= np.pi)[0])
     observe = sampler.observe_norms
-    with pytest.raises(InputError, match=r"pose 1, sample \d+: an error turns a place by half a turn") as caught:
+    with pytest.raises(InputError, match=r"pose 1, sample \d+: an error rotates a frame by 180°") as caught:
         observe(turning, plans, "exact", 0, 0, 1, samples=1000)
     told = int(str(caught.value).split("sample ")[1].split(":")[0])
     assert abs(4.0 * x[told]) >= np.pi

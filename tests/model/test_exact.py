@@ -90,7 +90,7 @@ def test_turns_of_nearly_pi_are_exact_and_beyond_it_and_any_number_they_are_refu
         expected = pose_error(at.posture.pose @ inserted([0, 0, 0, turn, 0, 0]), at.posture.pose)
         np.testing.assert_allclose(at.exact(NOTHING)[:, 0], expected, atol=1e-13)
     for far, message in (
-        ({"rx": np.pi / 2}, "half a turn or more"),
+        ({"rx": np.pi / 2}, "180° or more"),
         ({"x": 1.7e308}, "too large to compute with"),
         ({"rx": 1e200}, "too large to compute with"),
     ):

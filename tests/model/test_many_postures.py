@@ -120,5 +120,5 @@ def test_tangents_are_those_of_one_pose():
             assert np.allclose(error[:, k], e, rtol=0, atol=1e-14)
             assert np.allclose(jacobian[:, :, k], j, rtol=0, atol=1e-12 * np.abs(j).max())
     soft = ErrorModel(chain, Space(), [JointCompliance(joint="joint2", compliance=10.0)])
-    with pytest.raises(InputError, match="half a turn or more"):
+    with pytest.raises(InputError, match="180° or more"):
         list(tangents(soft.at_columns(configurations(chain, 3))))

@@ -185,7 +185,7 @@ def test_a_pose_without_a_first_order_still_shows(model):
     absurd = JointOffset(joint="joint1", offset=pp.Uniform(0.1, mean=4.0))
     page = shown(pp.ErrorModel(model.chain, pp.Space(()), [absurd]).at([0, 0, 0, 0]))
     assert page.tables == []
-    assert "half a turn" in page.text
+    assert "180°" in page.text
 
 
 def test_the_lines_of_a_model(model):

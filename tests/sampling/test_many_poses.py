@@ -223,8 +223,8 @@ def test_wrong_inputs_are_told_in_a_line() -> None:
 
 def test_errors_far_too_large() -> None:
     for std, model, message in (
-        (1e3, "exact", "half a turn or more"),
-        (1e160, "exact", "half a turn|too large to compute with"),
+        (1e3, "exact", "180° or more"),
+        (1e160, "exact", "180°|too large to compute with"),
         (1e300, "linear", "too large to compute with|not a finite number"),
     ):
         with pytest.raises(InputError, match=message):
@@ -398,7 +398,7 @@ def test_a_run_that_ends_before_the_pilot_fails_is_not_stopped_by_it():
     jumps = ((seed, np.flatnonzero(sampler.sample(layout, seed, 0, 512).any(axis=0))) for seed in range(50))
     seed = next(seed for seed, units in jumps if units.size and units[0] >= 30)
     assert pp.monte_carlo(model, [0, 0, 0, 0], samples=30, seed=seed).samples == 30
-    with pytest.raises(pp.InputError, match="half a turn"):
+    with pytest.raises(pp.InputError, match="180°"):
         pp.monte_carlo(model, [0, 0, 0, 0], samples=512, seed=seed)
 
 

@@ -473,7 +473,7 @@ def test_a_cluster_gives_the_same_bits_and_costs_no_result_whoever_goes_away(
             wait_until(lambda: len(executor._client.scheduler_info(n_workers=-1)["workers"]) == 1)
             wait_until(lambda: not executor._client.futures)  # nothing is left on the cluster
             far = pp.ErrorModel(MODEL.chain, pp.Space(), [pp.sources.Frame(frame="tool", rx=pp.Uniform(4.0))])
-            with pytest.raises(InputError, match="an error turns a place by half a turn"):
+            with pytest.raises(InputError, match="an error rotates a frame by 180°"):
                 pp.monte_carlo(far, [0, 0, 1, 0], executor=executor, samples=10)
         words = ["analyze", "--dask", cluster.address, "--json", "-", "--quiet"]
         words += ["--samples", str(settings["samples"]), "--seed", "6", "--spec", "45 mm @ 90 %"]

@@ -289,7 +289,7 @@ def test_what_is_wrong_is_said_in_a_line(gantry_of):
             {"slide": {"provenance": {"offset": "drawing", "ofset": "drawing"}}},
             "no setting named 'ofset'; did you mean",
         ),
-        ({"slide": {"provenance": "drawing", "assumed": "true"}}, "both say where the numbers come from"),
+        ({"slide": {"provenance": "drawing", "assumed": "true"}}, "both state the origin of the values"),
         ({"provenance": {"parameters.slid": "drawing"}}, "source named 'parameters.slid'; did you mean"),
         ({"provenance": {"parameters.slide": "guess"}}, "no provenance named 'guess'"),
     ):

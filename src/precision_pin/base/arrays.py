@@ -41,9 +41,7 @@ def fix_copy(values: ArrayLike) -> NDArray[np.float64]:
     return copy
 
 
-def returns_read_only(
-    method: Callable[Concatenate[Owner, Args], Value],
-) -> Callable[Concatenate[Owner, Args], Value]:
+def returns_read_only(method: Callable[Concatenate[Owner, Args], Value]) -> Callable[Concatenate[Owner, Args], Value]:
     """Decorate a method to return read-only arrays; goes inside ``cached_property``."""
 
     @wraps(method)

@@ -553,8 +553,7 @@ class MeasurementEntry(BaseModel):
         "0.02 mm", description="Standard deviation of a measured length, of a contact; estimate: from the readings."
     )
     attitude_std: str | None = Field(
-        None,
-        description="Standard deviation of a measured angle of a pose (default: std / 100 mm, targets 100 mm apart).",
+        None, description="Standard deviation of a measured angle of a pose (default: std / 100 mm)."
     )
     target: str = Field("0 0 0 mm", description="The measured point in the tip's axes.")
     target_known: Literal["true", "false"] = Field("true", description="false: its place on the tool is estimated.")

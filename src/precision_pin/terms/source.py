@@ -106,9 +106,8 @@ class _SettingValue:
     @property
     def draw(self) -> Draw | None:
         """The draw in the setting, if any."""
-        if self.value is None or isinstance(
-            self.value, str | float
-        ):  # most settings; checking abstract classes is slow
+        # most settings first: checks of abstract classes are slow
+        if self.value is None or isinstance(self.value, str | float):
             return None
         if isinstance(self.value, Draw):
             return self.value if self.value.name else dataclasses.replace(self.value, name=self.name)

@@ -282,9 +282,7 @@ def _chain_table(chain: Chain) -> Lines:
     others = [link for link in chain.robot.links if link.name not in path_links]
     if others:
         weight = f"{sum(link.mass for link in others):.4g} kg"
-        lines.append(
-            f"# {len(others)} further links ({weight}) are attached to these; the weight of moving links counts."
-        )
+        lines.append(f"# {len(others)} further links ({weight}) are attached; the weight of moving links counts.")
     return lines
 
 
