@@ -277,12 +277,21 @@ def _shared() -> list[tuple[str, str]]:
 
 
 GROUPS: Final = {
-    "poses": ("--pose", "--all-poses", "--q", "--step", "--trajectory", "--grid", "--approach"),
-    "robot": ("--tip", "--base", "--package-dir", "--set", "--ignore-collisions", "--all-warnings", "--quiet"),
+    "poses": ("--pose", "--all-poses", "--q", "--step", "--trajectory", "--columns", "--grid", "--approach"),
+    "robot": (
+        "--tip",
+        "--base",
+        "--package-dir",
+        "--set",
+        "--ignore-collisions",
+        "--wrap",
+        "--all-warnings",
+        "--quiet",
+    ),
     "workers": ("--processes", "--dask", "--journal", "--resume"),
     "instrument": (
         *("--kind", "--std", "--attitude-std", "--point", "--point-free", "--base-free"),
-        *("--visible-from", "--columns", "--anchor"),
+        *("--visible-from", "--anchor"),
     ),
     "files": ("--map", "--path", "--compensate", "--calibrate"),
 }

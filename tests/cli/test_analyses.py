@@ -154,8 +154,8 @@ def test_without_a_correction_the_code_is_one_and_no_joint_values_are_written(ru
 
 @pytest.mark.slow
 def test_view_shows_the_compensation(run, refused, folder):
-    (folder / "way.csv").write_text("joint4,joint3,joint2,joint1\n-1.588,1.536,0.0524,-1.571\n-1.4,1.3,0.1,-1.2\n")
-    asked = ("view", SHEET, "--samples", "200", "--compensate")
+    (folder / "way.csv").write_text("joint4 joint3 joint2 q1\n-1.588 1.536 0.0524 -1.571\n-1.4 1.3 0.1 -1.2\n")
+    asked = ("view", SHEET, "--samples", "200", "--columns", "q1=joint1", "--compensate")
     run(*asked, "way.csv", "--out", "page.html")
     assert "at the means: from" in (folder / "page.html").read_text("utf-8")
     refused(*asked, "nosuch.csv", "--out", "other.html")
@@ -204,6 +204,18 @@ def test_measured_cycles_stand_beside_the_forecast(run, refused, folder, visits)
     assert data["measured"]["poses"]["P2"]["RP"] == pytest.approx((2.5 + 3 * (25 / 3) ** 0.5) * 1e-3)
     assert data["measured"]["agrees"] is False
     assert "are 4, the forecast has 30 cycles" in refused(*asked, "--cycles", "30")
+
+
+@pytest.mark.slow
+def test_measured_cycles_and_poses_of_others_share_an_option(run, refused, folder, visits):
+    rows = "".join(f"P1,{cycle},100,{offset},500\n" for cycle, offset in enumerate((0, 5, -5, 0), start=1))
+    (folder / "theirs.csv").write_text("pose;n;px;py;pz\n" + rows.replace(",", ";"))
+    (folder / "poses.csv").write_text("q1 q2\n0 0\n")
+    columns = f"q1=y_axis [m], q2={LONG} [deg], n=cycle, px=x, py=y, pz=z, *=[mm]"
+    theirs = ("--trajectory", "poses.csv", "--measured", "theirs.csv", "--columns")
+    again = run("iso9283", visits, *theirs, columns, "--robots", "200", "--json", "-").json
+    assert again["measured"]["poses"]["P1"]["RP"] == pytest.approx((2.5 + 3 * (25 / 3) ** 0.5) * 1e-3)
+    assert "no column 'nn'" in refused("iso9283", visits, *theirs, columns.replace("n=", "nn=", 1))
 
 
 def test_a_missed_limit_of_a_figure_is_exit_code_1(run, visits):

@@ -233,8 +233,12 @@ def test_view_and_report_show_the_fit_of_the_command(run, folder, quick, monkeyp
     serve = "precision_pin.pages.view.live.serve"
     monkeypatch.setattr(serve, lambda page, files, **_: served.update(page=page(), files=[path.name for path in files]))
     asked = (quick, "--samples", "200", "--calibrate", "data.csv")
-    run("view", *asked)
-    assert "data.csv" in served["files"]
+    theirs = (folder / "data.csv").read_text().replace("x [mm]", "px").replace(",", ";").replace(".", ",")
+    (folder / "theirs.csv").write_text(theirs)
+    (folder / "way.csv").write_text("q1 joint2 joint3 joint4\n0 10 20 30\n10 20 30 40\n")
+    both = ("--trajectory", "way.csv", "--columns", "px=x [mm], q1=joint1 [deg], *=[deg]")
+    run("view", *asked[:-1], "theirs.csv", *both)
+    assert {"theirs.csv", "way.csv"} <= set(served["files"])
     made = run("report", *asked, "--out", "page.html")
     assert "W_NO_REPEATABILITY" in made.err
     report = (folder / "page.html").read_text("utf-8")
@@ -353,7 +357,7 @@ def test_of_several_measurements_one_is_picked(refused, folder):
     (folder / "mixed.yaml").write_text(MIXED)
     write(folder, "data.csv", np.zeros((1, 7)))
     for arguments, message in {
-        "simulate mixed.yaml --out x.csv": "position (1), distance (1), pose (1), plane (1); select a kind that is listed once with --kind",
+        "simulate mixed.yaml --out x.csv": "plane (1); select a kind that is listed once with --kind",
         "calibrate mixed.yaml --plan 6": "the sheet lists 4 measurements",
         "calibrate mixed.yaml --forecast --kind socket": "--kind socket: the sheet lists several",
         "calibrate mixed.yaml data.csv": "a file for each measurement that the sheet lists, in its order, or --kind",

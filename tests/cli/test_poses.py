@@ -42,6 +42,52 @@ def test_one_pose_in_any_form_is_the_analysis_of_one_pose(run, folder):
 
 
 @pytest.mark.slow
+def test_columns_of_others_come_back_in_the_corrected_poses(run, refused, folder):
+    """``--columns``, the sheet's ``measurement: columns:`` and the plain header give the same; other columns go."""
+    (folder / "plain.csv").write_text(f"t [s],y_axis [m],{LONG} [rad]\n0,0.25,0.5\n1,0.1,-0.25\n")
+    (folder / "theirs.csv").write_text("q2;clock;note;q1\n0,5;0;a;250\n-0,25;1000;b;100\n")
+    columns = f"q1=y_axis [mm], q2={LONG} [rad], clock=t [ms], note=ignore"
+    text = (folder / SHEET).read_text()
+    (folder / "said.errors.yaml").write_text(f"{text}measurement: {{columns: '{columns}, px=x [mm], *=[m]'}}\n")
+    asked = ("--mode", "pose", "--weights", "1 1 1 0.1 0.1 0.1", "--trajectory")
+    plain = run("compensate", SHEET, *asked, "plain.csv", "--csv", "plain.out.csv")
+    for name, sheet, more in (("a", SHEET, ("--columns", columns)), ("b", "said.errors.yaml", ())):
+        done = run("compensate", sheet, *asked, "theirs.csv", "--csv", f"{name}.csv", *more)
+        assert done.out == plain.out
+        rows = np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1)
+        expected = np.loadtxt(folder / "plain.out.csv", delimiter=",", skiprows=1)
+        assert rows * [1e-3, 1, 1e-3] == pytest.approx(expected[:, [0, 2, 1]], rel=1e-12)
+        assert (folder / f"{name}.csv").read_text().splitlines()[0] == f"t [ms],{LONG} [rad],y_axis [mm]"
+    assert "theirs.csv:1: error E_TRAJECTORY: the column 'q2' is no joint" in refused(
+        "compensate", SHEET, "--trajectory", "theirs.csv"
+    )
+
+
+@pytest.mark.slow
+def test_wrap_takes_poses_of_any_origin_inside(run, folder):
+    turned = math.degrees(0.5) + 360
+    (folder / "way.csv").write_text(f"y_axis,{LONG} [deg]\n0.25,{turned!r}\n")
+    sheet = (folder / SHEET).read_text().replace("30 deg", f"{turned!r} deg")
+    (folder / "turned.errors.yaml").write_text(sheet)
+    asked = (*FEW, "--spec", "1 m", "--json", "result.json")
+    run("analyze", SHEET, "--q", "250 mm, 0.5 rad", *asked)
+    inside = json.loads((folder / "result.json").read_text())
+    for given in (
+        (SHEET, "--q", f"250 mm, {turned!r} deg"),
+        (SHEET, "--trajectory", "way.csv"),
+        ("turned.errors.yaml",),
+    ):
+        outside = run("analyze", *given, *asked, code=1)
+        assert "a whole turn less, 28.64789 deg, is inside: --wrap takes poses so" in outside.err
+        assert "NOT JUDGED" in outside.out
+        found = run("analyze", *given, *asked, "--wrap")
+        assert "W_JOINT_LIMIT" not in found.err
+        assert np.ravel(json.loads((folder / "result.json").read_text())["covariance"]) == pytest.approx(
+            np.ravel(inside["covariance"]), rel=1e-9, abs=1e-20
+        )
+
+
+@pytest.mark.slow
 def test_the_exit_code_the_worst_pose_and_a_row_for_each_pose(run, folder):
     kept = run("analyze", SHEET, "--all-poses", *FEW, "--spec", "2 mm", "--out", "plots")
     assert "within 2 mm for 95 % at every pose: MET" in kept.out

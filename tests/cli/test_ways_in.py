@@ -189,6 +189,50 @@ def test_a_xacro_file_becomes_a_urdf_and_a_sheet(run, refused, folder):
         assert message in refused("init", *arguments.split())
 
 
+@pytest.mark.slow
+def test_packages_of_a_xacro_are_found_as_those_of_meshes(run, refused, folder, monkeypatch):
+    """Beside the xacro's own package, above it, and in ``--package-dir``, which goes first."""
+    for package in ("ws/parts", "ws/arm_support/urdf", "elsewhere/parts"):
+        (folder / package).mkdir(parents=True)
+    for k, place in enumerate(("ws", "elsewhere")):
+        (folder / place / "parts" / "package.xml").write_text("<package><name>parts</name></package>")
+        (folder / place / "parts" / "joint.xacro").write_text(MACRO.replace("2 * length", f"{2 + k} * length"))
+    xacro = XACRO.replace('"joint.xacro"', '"$(find parts)/joint.xacro"')
+    (folder / "ws" / "arm_support" / "urdf" / "arm.xacro").write_text(xacro)
+    for options, reach in (
+        ((), "0.8"),
+        (("--package-dir", "elsewhere"), "1.2"),
+        (("--package-dir", "ws/parts"), "0.8"),
+    ):
+        run("init", *options, "ws/arm_support/urdf/arm.xacro", "name:=mine", "--force")
+        assert f'<origin xyz="{float(reach):.12g}' in (folder / "arm.urdf").read_text().replace(
+            "1.2000000000000002", "1.2"
+        )
+    (folder / "arm.xacro").write_text(xacro)
+    assert "the package 'parts' of the xacro is not found; give its folder (--package-dir)" in refused(
+        "init", "arm.xacro", "name:=mine", "--force"
+    )
+    monkeypatch.setitem(sys.modules, "xacrodoc", None)
+    assert "is not installed (pip install 'precision-pin[xacro]')" in refused(
+        "init", "arm.xacro", "name:=mine", "--force"
+    )
+
+
+def test_a_urdf_with_unused_properties_of_xacro_is_read(run, refused, folder):
+    text = (folder / "forked.urdf").read_text()
+    root = text[text.index("<robot") : text.index(">", text.index("<robot")) + 1]
+    more = root.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
+    (folder / "left.urdf").write_text(text.replace(root, f'{more}<xacro:property name="w" value="0.2"/>'))
+    done = run("init", "left.urdf", "--tip", "left")
+    assert "warning W_UNKNOWN_ELEMENT: unknown element <xacro:property>" in done.err
+    assert run("check", "left.errors.yaml").out == run("check", "left.urdf", "left.errors.yaml").out
+    for bad in ('<xacro:property name="w" value="${v}"/>', '<xacro:property name="w" value="1"/><xacro:arm/>'):
+        (folder / "bad.urdf").write_text(text.replace(root, more + bad))
+        line = refused("init", "bad.urdf", "--tip", "left")
+        assert "error E_XACRO: unprocessed xacro" in line
+        assert "init FILE.xacro, with this suffix, writes it" in line
+
+
 def test_inertias_that_no_body_has_are_mended_in_a_copy(run, refused, folder):
     """A plate that is too thin, and a sign: of tr(I)/2 - I, 6 - (1, 1, 10) and 1.5 - (-1, 2, 2), -4 and -0.5 become zero."""
     body = '<inertial><mass value="2"/><inertia iyy="{}" ixx="{}" izz="{}" ixy="0" iyz="0" ixz="0"/></inertial>'

@@ -951,6 +951,8 @@ def test_columns_may_stand_in_any_order_with_times_and_blank_lines(tmp_path, mod
     way = read_trajectory(path, model.chain, 10)
     assert_array_equal(way.values, [[1, 2, 3, 4], [-1, -0.2, -3, -4]])
     assert_array_equal(way.times, [0.5, 0.75])
+    last = read_trajectory(written(tmp_path, f"{HEADER},t\n1,2,3,4,5\n"), model.chain, 10)
+    assert (last.times.tolist(), last.values.tolist()) == ([5], [[1, 2, 3, 4]])
     untimed = read_trajectory(written(tmp_path, f"{HEADER}\n1,2,3,4\n5,6,7,8\n"), model.chain, 10)
     assert untimed.times is None
     assert untimed.names == ("row 1", "row 2")
@@ -964,7 +966,6 @@ def test_a_wrong_trajectory_is_refused_with_its_line(tmp_path, model):
         ("joint1,joint2,joint3\n1,2,3\n", 1, "no column for the joints joint4"),
         (f"{HEADER},joint5\n1,2,3,4,5\n", 1, "'joint5' is no joint of the chain; did you mean"),
         (f"{HEADER},joint1\n1,2,3,4,5\n", 1, "'joint1' has two columns"),
-        (f"{HEADER},t\n1,2,3,4,5\n", 1, "times come first"),
         (f"{HEADER}\n1,2,3,4\n\n1,2,3\n", 4, "3 values for 4 columns"),
         (f"{HEADER}\n1,2,3,4\n1,2,,4\n", 3, "joint3: '' is not a finite number"),
         (f"{HEADER}\n1,2,3,90 deg\n", 2, "joint4: '90 deg' is not a finite number"),

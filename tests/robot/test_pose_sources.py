@@ -11,8 +11,8 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.configurations import approaches_along, read_approach, written_approach
 from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.joint_columns import joint_columns
 from precision_pin.robot.pose_set import NO_BRANCH, PoseSet, smallest_singular_values
-from precision_pin.robot.trajectory import joint_columns
 from support.oracles import ur5_branches, ur5_pose
 from support.plain_robot import chain_of, gantry, joint, limits, link, planar_arm, robot
 
@@ -355,7 +355,6 @@ def test_a_wrong_row_far_down_is_named_by_its_line(tmp_path, chain, monkeypatch,
     [
         ("rail [deg],swing [old]\n0,0\n", "1: error E_TRAJECTORY: rail [deg]: 'deg' is not a unit of length; allowed: m, cm"),
         ("time [m],rail,swing [old]\n0,0,0\n", "time [m]: 'm' is not a unit of time; allowed: s, ms, min"),
-        ("rail,swing [old],time [s]\n0,0,0\n", "; times come first, as 'time'"),
         ("rail,rail [mm],swing [old]\n0,0,0\n", "the joint 'rail' has two columns"),
         ("rail,swing [deg]\n0,0\n", "the column 'swing' is no joint of the chain; did you mean 'swing [old]'?"),
         ("rail [cm],swing [old]\n0,x\n", "2: error E_TRAJECTORY: swing [old]: 'x' is not a finite number"),

@@ -332,7 +332,7 @@ def test_tables_that_are_none(tmp_path):
         ("x [mm]\n" + "1" * 200_000 + "\n", "field larger than field limit|is not a number"),
         *((f"x [mm]\n{cell}\n", "is not a number") for cell in ("1e999", "1_000", "٣", "nan", "1\0")),
         ('x [mm]\n"1\n', "quotation mark"),
-        ("x [mm]; y [mm]\n1;2\n", "commas"),
+        ("x [mm]; y [mm]\n1;2;3\n", "3 cells"),
         ("x [mm],y [mm]\n1,2,\n", "3 cells"),
         (",".join(f"x{k}" for k in range(2000)) + "\n1\n", "at most 1,000"),
         ("x [mm]\n", "no rows"),

@@ -206,7 +206,7 @@ CELLS = [
     ("x [mm], y [mm]\n1, 2\n\n3, 4, 5\n", r"gauge\.csv, line 4: 3 cells, but the header has 2"),
     ("x [mm], y [mm]\n1, 2\n3,\n", r"gauge\.csv, line 3: '' is not a number"),
     ('x [mm]\n"0,1"\n', r"gauge\.csv, line 2: '0,1' is not a number"),
-    ("x [mm]; y [mm]\n0,1; 0,2\n", r"line 1: 'x \[mm\]; y \[mm\]' does not name a column .* separated by commas"),
+    ("x [mm]; y [mm]\n0,1; 0.2\n", r"line 2: '0\.2' is not a number .* other numbers have a decimal comma"),
     ("x [mm], x [m]\n1, 2\n", r"gauge\.csv, line 1: two columns are named 'x'"),
     ("1, 2\n3, 4\n", r"gauge\.csv, line 1: the first row must name the columns and their units"),
     ("x [mm], rX [rad]\n1, 2\n", r"gauge\.csv: unknown column 'rX': did you mean 'rx'"),

@@ -20,7 +20,7 @@ from precision_pin.draws.space import Space, check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.trajectory import joint_columns
+from precision_pin.robot.joint_columns import joint_columns
 from precision_pin.sheet.measurement import KINDS, Measurement
 
 COLUMNS: Final = {

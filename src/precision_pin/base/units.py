@@ -108,7 +108,7 @@ PRESSURE: Final = _quantity(
 AREA: Final = _quantity("area", "m^2", {"m^2": 1.0, "cm^2": 1e-4, "mm^2": 1e-6})
 SECOND_MOMENT: Final = _quantity("second moment of area", "m^4", {"m^4": 1.0, "cm^4": 1e-8, "mm^4": 1e-12})
 DENSITY: Final = _quantity("density", "kg/m^3", {"kg/m^3": 1.0, "g/cm^3": 1e3})
-TIME: Final = _quantity("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0})
+TIME: Final = _quantity("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "us": 1e-6, "ns": 1e-9})
 
 QUANTITIES: Final = tuple(dict.fromkeys(entry for entry in list(globals().values()) if isinstance(entry, Quantity)))
 """All quantities, in the order above."""

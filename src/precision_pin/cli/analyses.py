@@ -157,7 +157,8 @@ def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, 
     further: list[str] = []
     for value in filter(None, map(options.get, declaration.reads)):
         further += (value,) if isinstance(value, str) else value
-    outputs.refuse_inputs([*further, *(pose_files(options) if "poses" in declaration.options else ())])
+    options["tables"] = [*further, *(pose_files(options) if "poses" in declaration.options else ())]
+    outputs.refuse_inputs(options["tables"])
     return outputs, sheets
 
 

@@ -50,7 +50,7 @@ def command(
     from precision_pin.robot.chain import Chain, chain_findings
     from precision_pin.writers.scaffold import scaffold
 
-    robot = _expanded(robot, arguments, force=force)
+    robot = _expanded(robot, arguments, package_dirs, force=force)
     if mend_inertia:
         robot = _mended(robot, force=force)
     path = examples.resolve_robot(robot)
@@ -92,7 +92,7 @@ def command(
     echo_note(f"wrote {target}{what}; now: precision-pin analyze {shlex.quote(str(target))}")
 
 
-def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
+def _expanded(robot: str, arguments: tuple[str, ...], package_dirs: tuple[str, ...], *, force: bool) -> str:
     """Return the robot, converted from xacro to a URDF in this folder if necessary."""
     from precision_pin.robot.examples import DESCRIPTIONS, expand, read_arguments, xacro_source
 
@@ -104,7 +104,7 @@ def _expanded(robot: str, arguments: tuple[str, ...], *, force: bool) -> str:
     file, own, packages = source
     named = robot.rpartition(":")[2] if robot.startswith(DESCRIPTIONS) else file.name
     target = _new_urdf(named.removesuffix(".xacro").removesuffix(".urdf") + ".urdf", force=force)
-    write_text(target, expand(file, own | given, packages))
+    write_text(target, expand(file, own | given, packages, package_dirs))
     echo_note(f"wrote {target}, expanded from {file.name}")
     return str(target)
 

@@ -147,7 +147,8 @@ def read_inputs(found: Inputs, options: Options) -> Sheet:
     try:
         changes = [parse_change(text) for text in options["changes"]]
         tip, base, folders = (options[name] for name in ("tip", "base", "package_dirs"))
-        overrides = Overrides(found.robot, tip, base, folders, target, options.get("ignores_collisions", False))
+        ignores, wraps = (options.get(name, False) for name in ("ignores_collisions", "wraps"))
+        overrides = Overrides(found.robot, tip, base, folders, target, ignores, wraps)
         return read(found.sheet, overrides=overrides, changes=changes)
     except InputError as error:
         own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None

@@ -45,11 +45,6 @@ measurement_options: Final = together(
         metavar='"X Y Z mm"',
         help="Where the instrument stands, in base axes, if the target must face it: the tip's z, within 60°.",
     ),
-    _option(
-        "--columns",
-        metavar="TEXT",
-        help="What columns of a data file are: 'q1=joint1 [deg], t=ignore'; '*=[m rad]': units of those that have none.",
-    ),
     _option("--anchor", metavar='"X Y Z mm"', help="Where distances are measured from, in base axes."),
 )
 """Options of the instrument."""

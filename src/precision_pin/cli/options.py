@@ -179,7 +179,7 @@ robot_options: Final = together(
         multiple=True,
         type=click.Path(exists=True, file_okay=False),
         metavar="DIR",
-        help="Where ROS packages of meshes lie.",
+        help="Where ROS packages of meshes and xacro lie.",
     ),
 )
 """Options that cut a chain out of a robot."""
@@ -198,6 +198,7 @@ chain_options: Final = together(
         is_flag=True,
         help="Do not check poses for collisions and keep_out.",
     ),
+    robot_option("--wrap", "wraps", is_flag=True, help="Take angles outside limits by whole turns inside."),
 )
 """Options that change a sheet and cut a chain out of its robot."""
 pose_options: Final = together(
@@ -221,7 +222,12 @@ pose_options: Final = together(
         "--trajectory",
         type=FILE,
         metavar="FILE.csv",
-        help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; times come first.",
+        help="Poses: a row of joint names and units, as joint1 [deg], and rows of values; perhaps times, as t [s].",
+    ),
+    pose_option(
+        "--columns",
+        metavar="TEXT",
+        help="Columns of poses and readings: 'q1=joint1 [deg], n=ignore'; of all others '*=[m rad]' or '*=ignore'.",
     ),
     pose_option(
         "--grid",

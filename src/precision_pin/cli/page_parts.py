@@ -12,7 +12,7 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import echo_new_warnings, make_option
 from precision_pin.cli.options import progress_bar
-from precision_pin.cli.poses import read_grid, read_path
+from precision_pin.cli.poses import columns_of, read_grid, read_path
 
 if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
@@ -93,11 +93,18 @@ def read_parts(
         "": lambda _: None,
         "page": lambda _: [next(iter(sheet.poses)) if pose is None else pose for pose in poses],
         "grid": lambda file: read_grid(sheet, file),
-        "path": lambda file: read_path(sheet, file),
+        "path": lambda file: read_path(sheet, file, options),
     }
+
+    def named(part: PagePart, file: Any) -> Sheet:
+        if part.option.kind is not Path or options.get("columns") is None:
+            return sheet
+        columns = columns_of(sheet, options, file)
+        return replace(sheet, measurements=tuple(replace(one, columns=columns) for one in sheet.measurements))
+
     return [
-        Part(declaration, part, _job(declaration, sheet, read[part.poses](value), {**settings, **part.settings(value)}))
-        for declaration, part, value in asked
+        Part(one, part, _job(one, named(part, value), read[part.poses](value), {**settings, **part.settings(value)}))
+        for one, part, value in asked
     ]
 
 

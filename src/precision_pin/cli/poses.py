@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+from precision_pin.base.csv_columns import columns_for
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
 from precision_pin.cli.options import Options, progress_bar
@@ -162,7 +163,9 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
 
     size = os.path.getsize(file) if os.path.isfile(file) else 0
     with progress_bar(size, "reading", "B", 0 if size > 2**20 else 0.7) as progress:
-        way = read_trajectory(file, sheet.chain, most, progress)
+        way = read_trajectory(file, sheet.chain, most, progress, columns_of(sheet, options, file))
+    if way.recorder:
+        echo_note(f"{file}: read as columns of {way.recorder}")
     kinds = {"time_step": units.TIME, "angle_step": units.ANGLE, "length_step": units.LENGTH}
     steps: dict[str, float] = {}
     for text in options["steps"]:
@@ -178,6 +181,12 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
             message = error.findings[0].message.removeprefix(f"{kind}: ")
             raise InputError.of("E_TRAJECTORY", f"--step {text!r}: {message}", file) from None
     return way.refined(**steps, most=most)
+
+
+def columns_of(sheet: Sheet, options: Options, file: str) -> str:
+    """Return what ``--columns`` says of a file, or else the sheet's measurements: :func:`columns_for` of all ``tables``."""
+    tables = options.get("tables", ())
+    return columns_for(file, options.get("columns"), tables, (one.columns for one in sheet.measurements))
 
 
 def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
@@ -223,9 +232,7 @@ def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
     return AskedPoses(asked, (warning,))
 
 
-def read_path(sheet: Sheet, file: str) -> PoseSet:
+def read_path(sheet: Sheet, file: str, options: Options) -> PoseSet:
     """Return the poses of a file as for ``--trajectory`` or ``--grid``."""
-    from precision_pin.robot.trajectory import read_trajectory
-
     is_grid = file.endswith((".yaml", ".yml"))
-    return read_grid(sheet, file) if is_grid else read_trajectory(file, sheet.chain, MOST_ROWS).poses
+    return read_grid(sheet, file) if is_grid else read_way(sheet, file, {**options, "steps": ()}).poses

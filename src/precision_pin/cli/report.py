@@ -60,7 +60,8 @@ def command(samples: int, seed: int, specs: tuple[str, ...], full: bool, **arm: 
     check_poses(arm)
     target = PageOutput(arm["out"], "report.html")
     target.check()
-    target.outputs.refuse_inputs([*pose_files(arm), *part_files(arm)])
+    arm["tables"] = [*pose_files(arm), *part_files(arm)]
+    target.outputs.refuse_inputs(arm["tables"])
     sheet = read_sheet(arm, target.outputs)
     asked = read_poses(sheet, {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}, MOST_POSES)
     if len(asked) > MOST_POSES:

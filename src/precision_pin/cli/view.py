@@ -79,7 +79,7 @@ def command(
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError.of("E_USAGE", f"{option} is for a page that is served, without --out")
-    files = [*pose_files(arm), *part_files(arm)]
+    files = arm["tables"] = [*pose_files(arm), *part_files(arm)]
     target = None if out is None else PageOutput(out, "view.html")
     if target is not None:
         target.check()

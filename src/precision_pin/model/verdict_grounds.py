@@ -109,7 +109,7 @@ def _outside(model: ErrorModel, values: Array, labels: Sequence[str] = ()) -> st
     more = f", and so are joints at {poses.size - 1:,} more of {values.shape[1]:,} poses" if poses.size > 1 else ""
     return (
         f"{visible(limited.names[k])} is outside its limits{where}: {scale * values[k, pose]:.7g} {unit}, "
-        f"limits {scale * low:.7g} to {scale * high:.7g} {unit}{more}"
+        f"limits {scale * low:.7g} to {scale * high:.7g} {unit}{limited.wrap_hint(k, values[:, [pose]])}{more}"
     )
 
 

@@ -78,6 +78,7 @@ class Chain(Fixed):
         gravity: Gravity in base axes, m/s², ``(3,)``.
         loads: The weights of the URDF's links, and payloads.
         obstacles: What poses are checked against, as stated in a sheet; None for no check.
+        wraps: Whether angles that are given outside limits are taken by whole turns inside, where these lead there.
 
     Examples:
         >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
@@ -99,6 +100,7 @@ class Chain(Fixed):
     loads: tuple[Load, ...]
     pinocchio: PinocchioModel = field(repr=False)
     obstacles: Obstacles | None = None
+    wraps: bool = False
 
     @classmethod
     def from_urdf(
@@ -231,7 +233,7 @@ class Chain(Fixed):
     @cached_property
     def configurations(self) -> Configurations:
         """Reader of joint values of the chain."""
-        return Configurations(self.joints)
+        return Configurations(self.joints, self.wraps)
 
     @property
     def kinematics(self) -> dict[str, str]:
@@ -596,6 +598,7 @@ class Posture:
             scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
             actual, low, high = (f"{scale * x:.6g}" for x in (at[k, 0], joint.limit.lower, joint.limit.upper))
             message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"
+            message += limited.wrap_hint(int(k), at)
             found.append(Finding("warning", "W_JOINT_LIMIT", message, file, joint.line))
         return (*found, *_collision_findings(self.chain, self.q[:, None], ()))
 
@@ -740,10 +743,10 @@ def pose_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tup
     first = int(poses[0])
     name = (names[first] if names else "") or f"pose {first + 1}"
     k = int(np.flatnonzero(outside[:, first])[0])
-    joint = limited.joints[k]
+    joint, hint = limited.joints[k], limited.wrap_hint(k, values[:, [first]])
     message = (
         f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
-        f"{joint.name} at {values[k, first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}"
+        f"{joint.name} at {values[k, first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}{hint}"
     )
     return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line), *found)
 

@@ -21,13 +21,18 @@ LONGEST: Final = 1e6
 """Largest value (m) of a prismatic joint; larger ones leave too few digits for errors of nanometres."""
 SLACK: Final = 1e-5
 """How far (rad, m) a value may pass a limit: files round limits, as 180° to 3.14159."""
+_LARGEST_TURN: Final = 4 * np.pi
+"""Distance, rad, of an angle from the middle of narrower limits above which its unit counts as wrong."""
+_FAR: Final = 10.0
+"""Ratio of joint values to their limits, in units of the range, above which their unit counts as wrong."""
 
 
 @dataclass(frozen=True)
 class Configurations:
-    """Reader of joint values, for joints in a fixed order."""
+    """Reader of joint values, for joints in a fixed order; if it ``wraps``, as of :meth:`wrapped`."""
 
     joints: tuple[Joint, ...]
+    wraps: bool = False
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -50,12 +55,12 @@ class Configurations:
                 f"{values.size} joint values for {len(self.names)} joints; expected {', '.join(self.names)}"
             )
         self._check_travel(values[:, None])
-        return values
+        return self.taken(values[:, None])[:, 0]
 
     def many(self, q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
         """Return the values of P poses, ``(n, P)``; see :meth:`precision_pin.robot.chain.Chain.at_many`."""
         if isinstance(q, list | tuple):
-            return self._read_list(q)
+            return self.taken(self._read_list(q))
         if isinstance(q, Mapping):
             self._check_names(q)
             rows = [
@@ -75,7 +80,40 @@ class Configurations:
                 f"a row for each of {', '.join(self.names)}{turned}"
             )
         self._check_travel(values)
-        return values
+        return self.taken(values)
+
+    def taken(self, values: Array) -> Array:
+        """Return joint values ``(n, P)``, wrapped if this reader wraps."""
+        return self.wrapped(values) if self.wraps else values
+
+    def wrapped(self, values: Array) -> Array:
+        """Return joint values ``(n, P)`` where angles outside limits are inside, if whole turns bring them there."""
+        low, high = (ends[:, None] for ends in self.limits)
+        # an infinite limit is never passed
+        above, below = np.maximum(values - high - SLACK, 0), np.maximum(low - SLACK - values, 0)
+        moved = values + 2 * np.pi * (np.ceil(below / (2 * np.pi)) - np.ceil(above / (2 * np.pi)))
+        is_better = self.turning[:, None] & self.outside(values) & ~self.outside(moved)
+        return fix_copy(np.where(is_better, moved, values))
+
+    def wrap_hint(self, joint: int, values: Array) -> str:
+        """Return the end of a message if whole turns bring a joint's value of one pose ``(n, 1)`` inside, else nothing."""
+        value, inside = float(values[joint, 0]), float(self.wrapped(values)[joint, 0])
+        turns = round(abs(value - inside) / (2 * np.pi))
+        what = f"{turns if turns > 1 else 'a'} whole turn{'s' * (turns > 1)} {'less' if inside < value else 'more'}"
+        return f"; {what}, {np.degrees(inside):.7g} deg, is inside: --wrap takes poses so" if turns else ""
+
+    def far(self, values: Array) -> NDArray[np.bool_]:
+        """Return a mask ``(n, P)`` of joint values so far outside that their unit is doubtful."""
+        low, high = np.where(np.isinf(self.limits), [[-np.pi], [np.pi]], self.limits)
+        span, most = high - low, (0.5 + _FAR) * (high - low)
+        most = np.where(self.turning, np.minimum(most, np.maximum(span, _LARGEST_TURN)), most)
+        return np.asarray(np.abs(values - (high + low)[:, None] / 2) > most[:, None])
+
+    @cached_property
+    @returns_read_only
+    def turning(self) -> NDArray[np.bool_]:
+        """Mask ``(n,)`` of the joints that turn."""
+        return np.array([joint.kind != "prismatic" for joint in self.joints])
 
     def doubts(self, q: object) -> tuple[Finding, ...]:
         """Return a warning if the poses of a square array, read by columns, may be its rows."""

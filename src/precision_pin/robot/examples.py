@@ -19,7 +19,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from precision_pin.base.errors import InputError, InternalError, UnknownNameError, one_line
+from precision_pin.base.errors import InputError, InternalError, UnknownNameError, one_line, shown
+from precision_pin.robot.urdf.meshes import locate_package
 
 PREFIX: Final = "example:"
 DESCRIPTIONS: Final = "robot_descriptions:"
@@ -197,22 +198,35 @@ def read_arguments(texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]) -> str:
-    """Return the URDF that a xacro file makes, mesh names with the xacro's folder."""
+def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str], folders: Sequence[str]) -> str:
+    """Return the URDF that a xacro file makes, mesh names with the xacro's folder.
+
+    Packages are those given by name, or are looked for as those of meshes, in ``folders`` first, and last where ROS has them.
+    """
     try:
-        import xacrodoc
+        from xacrodoc import XacroDoc
+        from xacrodoc import packages as finder
     except ImportError:
-        message = "xacro needs the package xacrodoc, which is not installed (pip install 'precision-pin[robots]')"
+        message = "xacro needs the package xacrodoc, which is not installed (pip install 'precision-pin[xacro]')"
         raise InputError.of("E_XACRO", message, os.fspath(file)) from None
     path = file.resolve()
     if not path.is_file():
         raise InputError.of("E_FILE_MISSING", "there is no such file", os.fspath(file))
+    package_dirs, known = [Path(folder).resolve() for folder in folders], finder.get_path
+
+    def locate(name: str) -> str:
+        return os.fspath(packages.get(name) or locate_package(name, path.parent, package_dirs) or known(name))
+
     try:
-        xacrodoc.packages.update_package_cache(dict(packages))
+        finder.reset()
+        finder.get_path = locate
         with chdir(path.parent):  # included files are named relative to its folder
-            expanded = xacrodoc.XacroDoc.from_file(path, subargs=dict(arguments), resolve_packages=False)
-            text: str = expanded.to_urdf_string()
+            expanded = XacroDoc.from_file(path, subargs=dict(arguments), resolve_packages=False)
+            return str(expanded.to_urdf_string())
     except Exception as error:  # noqa: BLE001 - a xacro file can raise anything
         message = one_line(f"xacro cannot be expanded: {type(error).__name__}: {error}")
+        if missing := re.search(r"Package not found: (\S+)", str(error)):
+            message = f"the package {shown(missing[1])} of the xacro is not found; give its folder (--package-dir)"
         raise InputError.of("E_XACRO", message, os.fspath(file)) from None
-    return text
+    finally:
+        finder.get_path = known

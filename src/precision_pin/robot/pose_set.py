@@ -17,6 +17,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.configurations import approach_entry, written_approach
+from precision_pin.robot.joint_columns import Column
 
 PoseStatus = Literal["reached", "unreachable", "limit", "singular", "collision", "kept out"]
 """Reached; no joint values; a joint outside its limits; near a singularity; the arm hits itself, or is kept out.
@@ -48,6 +49,7 @@ class PoseSet:
             angles. ``None`` if each pose is its own.
         approaches: Direction in which each joint moved last, 1, -1 or 0, ``(n, P)``; see
             :mod:`precision_pin.robot.configurations`. ``None`` if no pose has one.
+        columns: Columns of the file of a trajectory.
         left_out: For a random design, the number of dropped draws at which the arm hits something, by status.
 
     Raises:
@@ -62,6 +64,7 @@ class PoseSet:
     times: Array | None = None
     node: NDArray[np.int64] | None = None
     approaches: NDArray[np.int8] | None = None
+    columns: tuple[Column, ...] = ()
     left_out: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

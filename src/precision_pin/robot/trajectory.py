@@ -7,9 +7,9 @@ import io
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,46 +17,42 @@ from numpy.typing import NDArray
 from precision_pin.base import units
 from precision_pin.base.arguments import check_callable, check_instance, check_number, check_path, check_whole
 from precision_pin.base.arrays import Array, Fixed
-from precision_pin.base.csv_columns import NUMBER, numbers
-from precision_pin.base.errors import InputError, UnitError, nearest, shown
+from precision_pin.base.csv_columns import (
+    IGNORE,
+    TIMES,
+    ColumnNames,
+    Form,
+    is_row,
+    numbers,
+    read_header,
+    split_heading,
+)
+from precision_pin.base.errors import InputError, nearest, shown
 from precision_pin.base.files import UnreadableFileError, decode, read_regular_file
 from precision_pin.robot.chain import Chain
+from precision_pin.robot.configurations import joint_quantity
+from precision_pin.robot.joint_columns import Column, recorded
 from precision_pin.robot.pose_grids import MOST_POSES
 from precision_pin.robot.pose_set import PoseSet
 
-_TIMES: Final = ("t", "time")
 _LONGEST: Final = 40
 _LARGEST_FILE: Final = 256 * 2**20
 _AT_ONCE: Final = 2**13
 """Lines read together."""
-_Wrong = Callable[[str, int], InputError]
+_Wrong = Callable[[str, int | None], InputError]
 """Makes the error for a line."""
+_LATEST: Final = 1e11
+"""Time in s, in the year 5138, above which its unit counts as wrong."""
 _ROUNDING: Final = 1e-9
 """Fraction of a step by which an interval may exceed a whole number of steps, for rounding."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of a trajectory file: its heading, its joint (empty for times), and its unit in s, rad or m."""
-
-    heading: str
-    joint: str
-    factor: float = 1.0
-
-
-def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
-    """Return the columns for writing joint values: degrees, or mm for sliding joints."""
-    return [
-        Column(f"{name} [mm]", name, 1e-3) if is_slide else Column(f"{name} [deg]", name, math.pi / 180)
-        for name, is_slide in zip(names, slides, strict=True)
-    ]
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory(Fixed):
     """Poses in order: joint values in chain order ``(P, n)``, rad or m, and times ``(P,)``, s, if the file has them.
 
-    ``rows`` are the file's rows, from 1, ``(P,)``, fractions between two rows. ``columns`` are in the file's order.
+    ``rows`` are the file's rows, from 1, ``(P,)``, fractions between two rows. ``columns`` are in the file's order, times
+    first; ``recorder`` is the recorder in words whose columns were recognised.
     """
 
     chain: Chain
@@ -64,13 +60,17 @@ class Trajectory(Fixed):
     times: Array | None
     rows: Array
     columns: tuple[Column, ...]
+    recorder: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
         """A name for each pose: its time, or else its row."""
         if self.times is None:
             return tuple(f"row {row:.10g}" for row in self.rows.tolist())
-        return tuple(f"t = {time:g} s" for time in self.times.tolist())
+        # as many digits as tell neighbours apart: clocks may count from 1970
+        ratio = np.abs(self.times).max() / np.diff(self.times).min(initial=math.inf)
+        digits = min(max(6, 1 + math.ceil(math.log10(max(ratio, 1.0)))), 17)
+        return tuple(f"t = {time:.{digits}g} s" for time in self.times.tolist())
 
     @property
     def poses(self) -> PoseSet:
@@ -79,7 +79,8 @@ class Trajectory(Fixed):
 
     def pose_set(self, step: Callable[[int], object] = lambda _: None) -> PoseSet:
         """Return the poses with their statuses; ``step`` takes the number of poses done since its last call."""
-        return PoseSet.at(self.chain, np.ascontiguousarray(self.values.T), self.names, self.times, step)
+        poses = PoseSet.at(self.chain, np.ascontiguousarray(self.values.T), self.names, self.times, step)
+        return replace(poses, columns=self.columns)
 
     def refined(
         self,
@@ -139,21 +140,26 @@ def read_trajectory(
     chain: Chain,
     most: int = MOST_POSES,
     progress: Callable[[int], object] = lambda _: None,
+    columns: str = "",
 ) -> Trajectory:
     """Read a trajectory: a row of joint names in any order, then a row of values for each pose.
 
-    A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A first column named ``t`` or
-    ``time`` holds increasing times, by default in s, unless a joint of the chain has that name.
+    A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A column named ``t``, ``time``,
+    ``timestamp``, ``stamp``, ``__time`` (s) or ``%time`` (ns) holds increasing times, unless a joint has that name.
+    Commas, semicolons, tabs or blanks separate the columns; with the last three there may be decimal commas. Files of
+    UR's RTDE recorder, of ``rostopic echo -p`` and of PlotJuggler are read as they are.
 
     Args:
-        path: The file, UTF-8, with commas.
+        path: The file, UTF-8.
         chain: Whose joints the columns are.
         most: Most poses allowed.
         progress: Function called with the number of characters read since its last call.
+        columns: Names and units of columns that the first row does not give: ``"q1=joint1 [deg], stamp=t [ns],
+            note=ignore"``; ``"*=[deg]"`` is the unit of all angles without one, ``"*=ignore"`` drops all other columns.
 
     Raises:
         InputError: The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a
-            value that is not finite; one line that says where.
+            value that is not finite, or without a unit far outside the limits; one line that says where.
 
     Examples:
         >>> header = "t,joint1 [deg],joint2,joint3,joint4"
@@ -165,6 +171,7 @@ def read_trajectory(
     check_callable("progress", progress)
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the most poses", most, 1, MOST_POSES)
+    given = ColumnNames.parse(check_instance("columns", columns, str, "such as 'q1=joint1 [deg], n=ignore'"))
     file = os.fspath(check_path("the path of the trajectory", path))
 
     def wrong(message: str, line: int | None = None) -> InputError:
@@ -176,21 +183,24 @@ def read_trajectory(
             decode(data)  # raises if not UTF-8
         # a line at a time: decoding and splitting a large file at once would stall the progress bar
         lines = io.TextIOWrapper(io.BytesIO(data), "utf-8-sig")
-        line, header = next(_rows(lines, 0), (0, []))
+        line, header = next(((number, text) for number, text in enumerate(lines, 1) if is_row(text)), (0, ""))
         if not line:
             raise wrong("the file is empty; it begins with a row of joint names")
-        try:
-            columns = _columns(header, chain)
-        except InputError as error:
-            raise wrong(error.findings[0].message, line) from None
+        peeked: list[str] = []
+        while (not peeked or not is_row(peeked[-1])) and (text := next(lines, "")):
+            peeked.append(text)
+        row = peeked[-1] if peeked else ""
+        has_commas = data.find(b",", data.find(row.strip().encode())) >= 0
+        table = _at(line, wrong, _Table, header, row, has_commas, chain, given)
         # quoted text may span several lines
         together = None if b'"' in data else _AT_ONCE
         parts: list[Array] = []
         count, before, first = 0, -math.inf, line
-        while some := list(itertools.islice(lines, together)):
-            part = _plain([plain for one in some if (plain := one.strip())], columns, before)
+        every = itertools.chain(peeked, lines)
+        while some := list(itertools.islice(every, together)):
+            part = table.plain([plain for one in some if (plain := one.strip()) and plain[0] != "#"], before)
             if part is None or len(part) > most - count:
-                part = _row_by_row(_rows(some, first), columns, before, count, most, wrong)
+                part = table.row_by_row(some, first, before, count, most, wrong)
             parts.append(part)
             count, before = count + len(part), part[-1, 0] if len(part) else before
             first += len(some)
@@ -201,91 +211,121 @@ def read_trajectory(
         raise wrong(f"no CSV: {problem}") from None
     if not count:
         raise wrong("no poses: no row follows the joint names", line)
-    values = np.concatenate(parts)
-    joints = [column.joint for column in columns]
-    order = [joints.index(name) for name in chain.joint_names]
-    times = None if columns[0].joint else values[:, 0]
-    return Trajectory(chain, values[:, order], times, np.arange(1.0, count + 1), tuple(columns))
+    return _at(None, wrong, table.trajectory, np.concatenate(parts))
 
 
-def _rows(lines: Iterable[str], first: int) -> Iterator[tuple[int, list[str]]]:
-    """Yield the non-blank rows, each with the line on which it ends; the lines follow the line ``first``."""
-    reader = csv.reader(lines)
-    for row in reader:
-        cells = [cell.strip() for cell in row]
-        if any(cells):
-            yield first + reader.line_num, cells
-
-
-def _plain(lines: Sequence[str], columns: Sequence[Column], before: float) -> Array | None:
-    """Return the values of lines of plain numbers at once; ``None`` if anything is wrong, to be found row by row."""
-    part = numbers(lines, len(columns))
-    if part is None:
-        return None
-    values: Array = part * [column.factor for column in columns]
-    increasing = columns[0].joint or (np.diff(values[:, 0], prepend=before) > 0).all()
-    return values if increasing and np.isfinite(values).all() else None
-
-
-def _row_by_row(
-    rows: Iterable[tuple[int, list[str]]], columns: Sequence[Column], before: float, count: int, most: int, wrong: _Wrong
-) -> Array:  # fmt: skip
-    """Return the values of rows after ``count`` others ending at the time ``before``; raise at a wrong one."""
-    found: list[list[float]] = []
-    for line, cells in rows:
-        if count + len(found) == most:
-            raise wrong(f"more than {most} poses; leave rows out", line)
-        if len(cells) != len(columns):
-            raise wrong(f"{len(cells)} values for {len(columns)} columns", line)
-        values = []
-        for cell, column in zip(cells, columns, strict=True):
-            # float() takes 1_000 and other digits than 0 to 9 as well
-            values.append(float(cell) * column.factor if NUMBER.fullmatch(cell) else math.nan)
-            if not math.isfinite(values[-1]):
-                raise wrong(f"{column.heading}: {shown(cell, _LONGEST)} is not a finite number", line)
-        if not columns[0].joint and not values[0] > before:
-            still, back = f"stands still at {before:.10g} s", f"goes back from {before:g} s to {values[0]:g} s"
-            raise wrong(f"the time {still if values[0] == before else back}; it must increase from row to row", line)
-        found.append(values)
-        before = values[0]
-    return np.array(found).reshape(-1, len(columns))
-
-
-def _columns(header: Sequence[str], chain: Chain) -> list[Column]:
-    columns = [_column(heading, chain, is_first=not rank) for rank, heading in enumerate(header)]
-    joints = [column.joint for column in columns]
-    for name in joints:
-        if joints.count(name) > 1:
-            raise InputError(f"the joint {name!r} has two columns")
-    if missing := [name for name in chain.joint_names if name not in joints]:
-        raise InputError(f"no column for the joints {', '.join(missing)}")
-    return columns
-
-
-def _column(heading: str, chain: Chain, *, is_first: bool) -> Column:
-    """Return a column by its heading: a joint's name, or times, and a unit in brackets."""
-    name, unit = heading, None
-    before, bracket, within = heading.removesuffix("]").rpartition("[")
-    # a joint's own name may end in brackets
-    if heading.endswith("]") and "]" not in within and bracket and before and heading not in chain.joint_names:
-        name, unit = before.rstrip(), within.strip()
-    if name in chain.joint_names:
-        slides = chain.prismatic[chain.joint_index(name)]
-        return Column(heading, name, _factor(heading, unit, units.LENGTH if slides else units.ANGLE))
-    if is_first and name in _TIMES:
-        return Column(heading, "", _factor(heading, unit, units.TIME))
-    what = f"the column {name!r} is no joint of the chain; {nearest(name, chain.joint_names)}"
-    raise InputError(what + (f"; times come first, as {name!r}" if name in _TIMES else ""))
-
-
-def _factor(heading: str, unit: str | None, quantity: units.Quantity) -> float:
-    if unit is None:
-        return 1.0
+def _at(line: int | None, wrong: _Wrong, make: Callable[..., Any], *given: Any) -> Any:
+    """Return what a function makes; its error gets the file and the line."""
     try:
-        return units.parse(f"1 {unit}", quantity)
-    except UnitError:
-        allowed = ", ".join(quantity.units)
-        raise InputError(f"{heading}: {unit!r} is not a unit of {quantity.name}; allowed: {allowed}") from None
+        return make(*given)
+    except InputError as error:
+        raise wrong(error.findings[0].message, line) from None
+
+
+class _Table:
+    """Columns of a file by its first two rows, and how its lines are read: times first, then the joints of ``columns``."""
+
+    def __init__(self, header: str, row: str, has_commas: bool, chain: Chain, given: ColumnNames) -> None:
+        self.form, self.chain = Form.of(header, row, has_commas), chain
+        self.quantities = {joint.name: joint_quantity(joint) for joint in chain.joints}
+        cells, si = self.form.cells(header), {name: quantity.si for name, quantity in self.quantities.items()}
+        self.named = recorded(cells, self.form.cells(row), si, given)
+        headings = read_header(cells, si, " [".join(next(iter(si.items()))) + "]")
+        columns = {
+            k: self._column(cells[k], name, unit)
+            for k, (name, unit) in enumerate(
+                self.named.of(headings, lambda name: name in si or name.casefold() in TIMES)
+            )
+            if name != IGNORE and name not in self.named.cells
+        }
+        self.count, self.texts = len(cells), [(cells.index(cell), text) for cell, text in self.named.cells.items()]
+        self.used = sorted(columns, key=lambda k: bool(columns[k].joint))
+        self.columns = [columns[k] for k in self.used]
+        joints = [column.joint for column in self.columns]
+        for name in joints:
+            if joints.count(name) > 1:
+                raise InputError(
+                    f"{f'the joint {name!r}' if name else 'the time'} has two columns; --columns drops one"
+                )
+        if missing := [name for name in si if name not in joints]:
+            raise InputError(f"no column for the joints {', '.join(missing)}")
+
+    def _column(self, cell: str, name: str, unit: str) -> Column:
+        is_time = name not in self.quantities
+        if is_time and name.casefold() not in TIMES:
+            message = f"the column {name!r} is no joint of the chain; {nearest(name, self.quantities)}"
+            raise InputError(f"{message}; --columns '{name}=JOINT [rad]' names its joint, '{name}=ignore' drops it")
+        quantity = units.TIME if is_time else self.quantities[name]
+        given = unit or next(filter(quantity.units.__contains__, self.named.units), "")
+        unit = given or (TIMES[name.casefold()] if is_time else quantity.si)
+        if unit not in quantity.units:
+            raise InputError(f"{cell}: {unit!r} is not a unit of {quantity.name}; allowed: {', '.join(quantity.units)}")
+        heading = cell if split_heading(cell, self.quantities)[1:] == (name, given) else f"{name} [{unit}]"
+        return Column(heading, "" if is_time else name, units.parse(f"1 {unit}", quantity), bool(given))
+
+    def plain(self, lines: Sequence[str], before: float) -> Array | None:
+        """Return the values of lines of plain numbers at once; ``None`` if anything is wrong, to be found row by row."""
+        lines = self.form.plain(lines)
+        part = None if self.texts else numbers(lines, self.count)
+        if part is not None:
+            part = part[:, self.used]
+        elif len(self.used) < self.count:
+            rows = [line.split(",") for line in lines]
+            if all(len(row) == self.count and all(row[k] == text for k, text in self.texts) for row in rows):
+                part = numbers([",".join([row[k] for k in self.used]) for row in rows], len(self.used))
+        if part is None:
+            return None
+        values: Array = part * [column.factor for column in self.columns]
+        increasing = self.columns[0].joint or (np.diff(values[:, 0], prepend=before) > 0).all()
+        return values if increasing and np.isfinite(values).all() else None
+
+    def row_by_row(
+        self, lines: Iterable[str], first: int, before: float, count: int, most: int, wrong: _Wrong
+    ) -> Array:  # fmt: skip
+        """Return the values of rows after ``count`` others ending at the time ``before``; raise at a wrong one."""
+        found: list[list[float]] = []
+        reader = self.form.rows(lines)
+        for row in reader:
+            line, cells = first + reader.line_num, [cell.strip() for cell in row]
+            if not any(cells) or cells[0].startswith("#"):
+                continue
+            if count + len(found) == most:
+                raise wrong(f"more than {most} poses; leave rows out", line)
+            if len(cells) != self.count:
+                raise wrong(f"{len(cells)} values for {self.count} columns", line)
+            if changed := [(cells[k], text) for k, text in self.texts if cells[k] != text]:
+                raise wrong(f"{', and in the first row '.join(shown(one, _LONGEST) for one in changed[0])}", line)
+            values = []
+            for k, column in zip(self.used, self.columns, strict=True):
+                values.append(self.form.number(cells[k]) * column.factor)
+                if not math.isfinite(values[-1]):
+                    hint = self.form.hint(cells[k])
+                    raise wrong(f"{column.heading}: {shown(cells[k], _LONGEST)} is not a finite number{hint}", line)
+            if not self.columns[0].joint and not values[0] > before:
+                still, back = f"stands still at {before:.10g} s", f"goes back from {before:g} s to {values[0]:g} s"
+                raise wrong(
+                    f"the time {still if values[0] == before else back}; it must increase from row to row", line
+                )
+            found.append(values)
+            before = values[0]
+        return np.array(found).reshape(-1, len(self.columns))
+
+    def trajectory(self, values: Array) -> Trajectory:
+        """Return the trajectory of all values; raise if those of a column without a unit are far outside."""
+        joints = [column.joint for column in self.columns]
+        order = [joints.index(name) for name in self.chain.joint_names]
+        q, times, reader = values[:, order].T, None if joints[0] else values[:, 0], self.chain.configurations
+        if times is not None and not self.columns[0].has_unit and times[-1] > _LATEST:
+            message = f"{self.columns[0].heading} = {times[-1]:g} s is beyond all clocks; give its unit"
+            raise InputError(f"{message}: --columns '{self.columns[0].heading}=[ns]'")
+        has_unit = np.array([self.columns[k].has_unit for k in order]) | np.isinf(reader.limits[1] - reader.limits[0])
+        if (far := ~has_unit[:, None] & reader.far(q)).any():
+            joint, row = np.argwhere(far)[0]
+            unit, other = ("rad", "deg") if reader.turning[joint] else ("m", "mm")
+            message = f"row {row + 1}: {reader.names[joint]} = {q[joint, row]:g} {unit} is far outside its limits"
+            raise InputError(f"{message}; if the file is in {other} add --columns '*=[{other}]'")
+        rows = np.arange(1.0, len(values) + 1)
+        return Trajectory(self.chain, reader.taken(q).T, times, rows, tuple(self.columns), self.named.recorder)
 
 
 def _between(values: Array, firsts: NDArray[np.intp], shares: Array) -> Array:

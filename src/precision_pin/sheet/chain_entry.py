@@ -142,6 +142,7 @@ class Overrides:
     package_dirs: tuple[str, ...] = ()
     target: str | None = None
     ignores_collisions: bool = False
+    wraps: bool = False
 
 
 _ARM: Final = ("robot", "tip", "base", "target", "gravity", "locked", "limits", "keep_out")
@@ -180,7 +181,7 @@ def read_chain(document: Document, findings: Findings, overrides: Overrides, fol
     except InputError as error:
         findings.take((), error)
         return None
-    chain = _limited(document, findings, chain)
+    chain = _limited(document, findings, replace(chain, wraps=overrides.wraps))
     keep_out = _keep_out(document, findings)
     folders = tuple(map(FilePath, overrides.package_dirs))
     return chain if overrides.ignores_collisions else replace(chain, obstacles=Obstacles(keep_out, folders))

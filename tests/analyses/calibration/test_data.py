@@ -378,6 +378,9 @@ def test_bare_headers_need_units_and_take_names(tmp_path):
     ) as refused:
         read(bare, part)
     assert len(refused.value.findings) == 1
+    degrees = write(tmp_path / "degrees.csv", xyz(1, readings), "deg")
+    check_refused((r"angles are in deg add --columns '\*=\[m deg\]'", read, degrees, part))
+    check_same(whole, read(write(tmp_path / "same.csv", xyz(1, readings), "rad"), replace(part, columns="*=[m rad]")))
     found = read(bare, pp.Measurement(columns="*=[m rad]"))
     check_same(whole, found)
     assert [one.message for one in found.findings] == ["the column Time is not read"]
@@ -389,6 +392,47 @@ def test_bare_headers_need_units_and_take_names(tmp_path):
         (r"the column 'q2' is not expected.*--columns 'q2=ignore'", read, str(tmp_path / "other.csv"), part),
         ("there is no column 'nope'", read, bare, pp.Measurement(columns="nope=x")),
     )
+
+
+def test_tables_of_others_are_the_same_readings(tmp_path):
+    """Semicolons and decimal commas, blanks, columns of recorders, and angles that are a whole turn off."""
+    readings, part = measured()[0], of_targets(1)[0]
+    whole = read(write(tmp_path / "whole.csv", xyz(1, readings), "rad m"), part)
+    text = Path(tmp_path / "whole.csv").read_text()
+    plotted, echoed = text.replace("joint", "/joint_states/joint").replace(" [rad]", "/position"), text
+    for k, name in enumerate(JOINTS):
+        echoed = echoed.replace(f"{name} [rad]", f"field.position{k}")
+    names = [*(f"field.name{k}" for k in range(4)), "field.velocity0", "%time"], [*JOINTS, "0", "9"]
+    lines = echoed.split("\n")
+    echoed = "\n".join(f"{line},{','.join(names[k > 0])}" for k, line in enumerate(lines))
+    for form, note in (
+        (text.replace(",", ";").replace(".", ","), None),
+        (text.replace(",", "  "), None),
+        ("\n".join(f"{line},{k or '__time'}" for k, line in enumerate(plotted.split("\n"))), "PlotJuggler"),
+        (echoed, "rostopic"),
+    ):
+        (tmp_path / "form.csv").write_text(form)
+        found = read(str(tmp_path / "form.csv"), part)
+        check_same(whole, found)
+        assert note is None or note in found.findings[-1].message
+    (tmp_path / "form.csv").write_text(echoed.replace("joint1,joint2", "joint2,joint1", 1))
+    check_refused(
+        ("line 3: field.name0 is 'joint1', and in the first row 'joint2'", read, str(tmp_path / "form.csv"), part)
+    )
+    # others are left out where asked for
+    (tmp_path / "form.csv").write_text(
+        "\n".join(f"{line},{'b' if k else 'a'}" for k, line in enumerate(text.split("\n")))
+    )
+    found = read(str(tmp_path / "form.csv"), replace(part, columns="*=ignore"))
+    check_same(whole, found)
+    turned = read(write(tmp_path / "turned.csv", xyz(1, readings), "rad m", Q + 2 * np.pi), part)
+    wrapping = model().like(replace(CHAIN, wraps=True), model().space)
+    inside = read_data(wrapping, str(tmp_path / "turned.csv"), (part,))
+    limits = CHAIN.configurations.limits
+    is_limited = (np.abs(Q) < limits[1][:, None]) & (Q + 2 * np.pi > limits[1][:, None])
+    np.testing.assert_allclose(inside.q, np.where(is_limited, Q, Q + 2 * np.pi), atol=1e-14)
+    np.testing.assert_allclose(turned.q, Q + 2 * np.pi)
+    assert is_limited.any()
 
 
 def test_a_group_is_a_whole_number(tmp_path):

@@ -29,23 +29,17 @@ from precision_pin.analyses.readings import COLUMNS, joint_cells
 from precision_pin.base import csv_columns, se3, units
 from precision_pin.base.arguments import check_numbers, check_path
 from precision_pin.base.arrays import Array, Record
-from precision_pin.base.errors import Finding, InputError, nearest
+from precision_pin.base.errors import Finding, InputError, nearest, some
 from precision_pin.base.files import csv_text
 from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.configurations import joint_quantity
+from precision_pin.robot.joint_columns import recorded
 from precision_pin.sheet.measurement import Measurement, written_sums
 
 _CONTACT: Final = ("plane", "socket")
 """Kinds whose readings default to zero."""
-_LARGEST_TURN: Final = 4 * np.pi
-_FAR: Final = 10.0
-"""Ratio of joint values to their limits, in units of the range, above which their unit counts as wrong."""
-
-
-_TIMES: Final = ("t", "time", "timestamp", "stamp")
-"""Ignored columns, in any letter case."""
 _FEW: Final = 8
 """Rows from which distances between targets are checked."""
 _RIGID: Final = 0.01
@@ -209,11 +203,15 @@ def _without_copies(rows: Sequence[object], lines: Sequence[int], path: str) -> 
 
 def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]) -> CalibrationData:
     joints = model.chain.joint_names
-    given = ", ".join(dict.fromkeys(one.columns for one in measurements if one.columns))
+    si = {joint.name: joint_quantity(joint).si for joint in model.chain.joints}
+    given = csv_columns.ColumnNames.parse(", ".join(dict.fromkeys(one.columns for one in measurements if one.columns)))
+    read_names = "|".join({name for one in measurements for name in COLUMNS[one.kind]})
+    is_reading = re.compile(rf"(?:{read_names})_?[0-9A-Za-z]*|std|group").fullmatch
     table = csv_columns.read(
         path,
-        columns=csv_columns.ColumnNames.parse(given),
-        ignored=[name for name in _TIMES if name not in joints],
+        columns=lambda cells, row: recorded(cells, row, si, given),
+        known=lambda name: name in joints or is_reading(name),
+        ignored=[name for name in csv_columns.TIMES if name not in joints],
         may_miss=True,
     )
     targets = [target for one in measurements for target in _targets(table, joints, one, path, len(measurements) == 1)]
@@ -229,9 +227,14 @@ def _of_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]
     if (group % 1 > 0).any():
         raise _wrong(path, "group must be a whole number", table.lines[int(np.flatnonzero(group % 1 > 0)[0])])
     _check_joint_values(model.chain, q, path, table)
+    q = model.chain.configurations.taken(q)
     others = [values for values in (std, group) if values.size]
     has_pose = np.isfinite(np.vstack([q, *others])).all(axis=0)
-    findings = [Finding("note", "N_COLUMN", f"the column {name} is not read", path, 1) for name in table.texts]
+    unread = [*filter(None, table.texts)]
+    are = "s {} are" if len(unread) > 1 else " {} is"
+    notes = [f"the column{are.format(some(unread, 6))} not read"] * bool(unread)
+    notes += [f"read as columns of {table.recorder}"] * bool(table.recorder)
+    findings = [Finding("note", "N_COLUMN", note, path, 1) for note in notes]
     findings += _missing("a joint value, std or group", ~has_pose, table.lines, path)
     kept, again = list(range(q.shape[1])), list[Finding]()
     if any(columns for _, columns in targets):
@@ -325,7 +328,9 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
     quantities |= {joint.name: joint_quantity(joint) for joint in chain.joints}
     bare = [name for name, quantity in quantities.items() if not table.unit_of(name, quantity)]
     if bare:
-        needed = [("m", "lengths", units.LENGTH), ("rad", "angles", units.ANGLE)]
+        q = np.array([table.rows[:, table.names.index(name)] for name in chain.joint_names])
+        is_far = (chain.configurations.far(q) & ~chain.prismatic[:, None]).any()
+        needed = [("m", "lengths", units.LENGTH), ("deg" if is_far else "rad", "angles", units.ANGLE)]
         needed = [one for one in needed if any(quantities[name] == one[2] for name in bare)]
         example = " ".join(si for si, _, _ in needed)
         words = " and ".join(f"{what} are in {si}" for si, what, _ in needed)
@@ -383,14 +388,9 @@ def _dependent(
 
 
 def _check_joint_values(chain: Chain, q: Array, path: str, table: csv_columns.Measured) -> None:
-    for k, (joint, low, high) in enumerate(zip(chain.joints, *chain.configurations.limits, strict=True)):
-        unit = table.unit_of(joint.name, joint_quantity(joint))
-        span, middle = (high - low, (high + low) / 2) if np.isfinite(high - low) else (2 * np.pi, 0.0)
-        beyond = np.abs(q[k] - middle) > (0.5 + _FAR) * span
-        if joint.kind != "prismatic":
-            beyond |= np.abs(q[k]) > _LARGEST_TURN
+    for joint, beyond in zip(chain.joints, chain.configurations.far(q), strict=True):
         if beyond.any():
-            row = int(np.argmax(beyond))
+            unit, row = table.unit_of(joint.name, joint_quantity(joint)), int(np.argmax(beyond))
             value = table.rows[row, table.names.index(joint.name)]
             hint = "; are these degrees?" if unit == "rad" and joint.kind != "prismatic" else ""
             raise _wrong(path, f"{joint.name} = {value:g} {unit} is far outside its limits{hint}", table.lines[row])

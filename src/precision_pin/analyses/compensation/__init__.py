@@ -14,27 +14,21 @@ def prepare(asked: Asked) -> Job:
     from precision_pin.analyses.compensation.table import corrected_csv
     from precision_pin.base.files import write_text
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.robot.trajectory import read_trajectory
 
     options, poses = asked.options, asked.read_pose_set()
-
-    def corrected(result: Any) -> str:
-        way = options.get("trajectory")
-        # keep the columns of the input file, if there is one
-        return corrected_csv(result, () if way is None else read_trajectory(way, asked.sheet.chain).columns)
 
     def write(result: Any) -> tuple[str, ...]:
         if not result.is_complete:
             is_missed = options["csv_path"] is not None or options["out"] is not None
             return ("the corrected joint values are not written: not every pose has them",) * is_missed
         if options["csv_path"] is not None:
-            write_text(Path(options["csv_path"]), corrected(result))
+            write_text(Path(options["csv_path"]), corrected_csv(result, poses.columns))
         return ()
 
     def files(result: Any) -> Files:
         from precision_pin.analyses.compensation.figure import figure
 
-        texts = {"corrected.csv": corrected(result)} if result.is_complete else {}
+        texts = {"corrected.csv": corrected_csv(result, poses.columns)} if result.is_complete else {}
         return Files({"compensation": figure(result)}, texts)
 
     return Job(

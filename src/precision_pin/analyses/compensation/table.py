@@ -12,7 +12,7 @@ from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.base.files import csv_text
 from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import aligned
-from precision_pin.robot.trajectory import Column, joint_columns
+from precision_pin.robot.joint_columns import Column, joint_columns
 
 _MOST_ROWS: Final = 20
 _MOST_LETTERS: Final = 16

@@ -25,6 +25,7 @@ def prepare(asked: Asked) -> Job:
     from precision_pin.analyses.iso9283.figures import read_cycles
     from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
     from precision_pin.analyses.iso9283.result import pose_names
+    from precision_pin.base.csv_columns import columns_for
     from precision_pin.model.error_model import ErrorModel
 
     options, cycles, attained = asked.options, asked.options["cycles"], None
@@ -32,7 +33,9 @@ def prepare(asked: Asked) -> Job:
     poses = None if options["cube"] else asked.read_pose_set()
     if options["measured"] is not None:
         names = tuple(f"P{rank}" for rank in range(1, _IN_CUBE + 1)) if poses is None else poses.names
-        attained = read_cycles(options["measured"], pose_names(names))
+        usual = [one.columns for one in asked.sheet.measurements]
+        columns = columns_for(options["measured"], options["columns"], options["tables"], usual)
+        attained = read_cycles(options["measured"], pose_names(names), columns)
     if cycles is None:
         cycles = CYCLES if attained is None else len(next(iter(attained.values())))
     names_of = ("robots", "seed", "fit_base", "specifications")

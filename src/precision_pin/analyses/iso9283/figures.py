@@ -369,9 +369,13 @@ _TURNS: Final = (("a", "b", "c"), ("rx", "ry", "rz"))
 _LONGEST: Final = 40
 
 
-def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str]) -> dict[str, Array]:
-    """Return the attained poses of each pose in the order of the cycles, ``(n, 4, 4)``, or positions ``(n, 3)``."""
-    found = csv_columns.read(path, texts=("pose",))
+def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str], columns: str = "") -> dict[str, Array]:
+    """Return the attained poses of each pose in the order of the cycles, ``(n, 4, 4)``, or positions ``(n, 3)``.
+
+    ``columns`` names columns as :meth:`precision_pin.base.csv_columns.ColumnNames.parse` reads them.
+    """
+    axes = ("pose", "cycle", *_POSITION, *sum(_TURNS, ()))
+    found = csv_columns.read(path, ("pose",), columns=csv_columns.ColumnNames.parse(columns), known=axes.__contains__)
     if "pose" not in found.texts:
         raise UnknownNameError(f"column in {found.file}", "pose", found.names)
     turn = next((axes for axes in _TURNS if any(axis in found.names for axis in axes)), ())

@@ -601,11 +601,12 @@ def locate_mesh(filename: str, folder: Path, package_dirs: Sequence[Path] = ()) 
     name, _, inside = rest.partition("/")
     if scheme != "package" or name in ("", ".", ".."):
         return None
-    package = _package(name, folder, package_dirs)
+    package = locate_package(name, folder, package_dirs)
     return None if package is None else package / inside
 
 
-def _package(name: str, folder: Path, package_dirs: Sequence[Path]) -> Path | None:
+def locate_package(name: str, folder: Path, package_dirs: Sequence[Path]) -> Path | None:
+    """Return the folder of a package, as for :func:`locate_mesh`."""
     for directory in package_dirs:
         for candidate in (directory / name, directory):
             if candidate.name == name and candidate.is_dir():

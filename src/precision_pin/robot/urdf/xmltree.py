@@ -248,7 +248,9 @@ class _Builder:
         if self._xacro:
             line, what = self._xacro[0]
             more = f" (and {len(self._xacro) - 1} more)" if len(self._xacro) > 1 else ""
-            message = f"unprocessed xacro: {what}{more}; precision-pin init FILE.xacro writes it as a URDF"
+            message = (
+                f"unprocessed xacro: {what}{more}; precision-pin init FILE.xacro, with this suffix, writes it as a URDF"
+            )
             raise _Refused("E_XACRO", message, line)
         if self._wrong_name is not None:
             line, message = self._wrong_name
@@ -270,7 +272,8 @@ class _Builder:
         self._depth += 1
         self._elements += 1 + len(attributes)
         self._check_limits(tag, attributes, line)
-        if tag.startswith("xacro:"):
+        # a property that nothing refers to is left out like any unknown element
+        if tag.startswith("xacro:") and tag != "xacro:property":
             self._xacro.append((line, f"element <{tag[:40]}>"))
         values = [(name, value) for name, value in attributes.items() if "${" in value or "$(" in value]
         self._xacro += [(line, f"{name[:40]}={shown(value)}") for name, value in values]
