@@ -102,7 +102,7 @@ def test_one_module_writes_files():
         str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob("*.py") if writing.search(path.read_text("utf-8"))
     }
     # export writes into a folder of whole_folder; the journal stays open and locked, its records are forced to the disk
-    assert found - {"cli/export.py", "sampling/journal.py", "pages/view/page.py"} == {"base/files.py"}
+    assert found - {"writers/as_built.py", "sampling/journal.py", "pages/view/page.py"} == {"base/files.py"}
 
 
 def test_a_failed_write_leaves_the_old_page_and_a_new_one_is_as_readable_as_any(tmp_path, monkeypatch):

@@ -57,14 +57,14 @@ TIMES: Final = {"t": "s", "time": "s", "timestamp": "s", "stamp": "s", "__time":
 
 
 @dataclass(frozen=True)
-class Form:
+class TableForm:
     """Separator of the columns, ``" "`` for any blanks, and decimal sign of a file."""
 
     separator: str = ","
     decimal: str = "."
 
     @classmethod
-    def of(cls, header: str, row: str, has_commas: bool) -> Form:
+    def of(cls, header: str, row: str, has_commas: bool) -> TableForm:
         """Return the form of a file by its first two rows, and whether there are commas below the first.
 
         The separator is one that divides both rows into equally many cells.
@@ -189,7 +189,7 @@ def _names_in(file: str) -> set[str]:
     header = list[str]()
     with suppress(OSError, InputError, csv.Error), open(file if os.path.isfile(file) else os.devnull, "rb") as stream:
         lines = [*filter(is_row, stream.read(_HEAD).decode("utf-8-sig", "replace").splitlines()), "", ""]
-        header = Form.of(lines[0], lines[1], False).cells(lines[0])
+        header = TableForm.of(lines[0], lines[1], False).cells(lines[0])
     return {name for cell in header for name in split_heading(cell)[:2]}
 
 
@@ -277,7 +277,7 @@ def read(
         raise InputError(message)
     (number, line), below = lines[0], [line for _, line in lines[1:]]
     with _at(f"{file}, line {number}"):
-        form = Form.of(line, below[0], any("," in line for line in below))
+        form = TableForm.of(line, below[0], any("," in line for line in below))
         cells = form.cells(line)
         named = columns if isinstance(columns, ColumnNames) else columns(cells, form.cells(below[0]))
         header = [
@@ -339,7 +339,7 @@ def _at(where: str) -> Iterator[None]:
 
 
 def _row(
-    form: Form, cells: list[str], header: Sequence[tuple[str, str, bool]], fixed: Mapping[str, str], may_miss: bool
+    form: TableForm, cells: list[str], header: Sequence[tuple[str, str, bool]], fixed: Mapping[str, str], may_miss: bool
 ) -> tuple[list[float], list[str]]:
     """Return the numbers of a row, and its texts."""
     if len(cells) != len(header):

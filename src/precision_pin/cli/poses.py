@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from precision_pin.base.csv_columns import columns_for
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
 from precision_pin.cli.options import Options, progress_bar
@@ -185,6 +184,8 @@ def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -
 
 def columns_of(sheet: Sheet, options: Options, file: str) -> str:
     """Return what ``--columns`` says of a file, or else the sheet's measurements: :func:`columns_for` of all ``tables``."""
+    from precision_pin.base.csv_columns import columns_for
+
     tables = options.get("tables", ())
     return columns_for(file, options.get("columns"), tables, (one.columns for one in sheet.measurements))
 

@@ -20,7 +20,6 @@ from types import ModuleType
 from typing import Final
 
 from precision_pin.base.errors import InputError, InternalError, UnknownNameError, one_line, shown
-from precision_pin.robot.urdf.meshes import locate_package
 
 PREFIX: Final = "example:"
 DESCRIPTIONS: Final = "robot_descriptions:"
@@ -209,6 +208,9 @@ def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]
     except ImportError:
         message = "xacro needs the package xacrodoc, which is not installed (pip install 'precision-pin[xacro]')"
         raise InputError.of("E_XACRO", message, os.fspath(file)) from None
+    # imported late: it takes 0.15 s, and completion and help only list robots
+    from precision_pin.robot.urdf.meshes import locate_package
+
     path = file.resolve()
     if not path.is_file():
         raise InputError.of("E_FILE_MISSING", "there is no such file", os.fspath(file))

@@ -21,7 +21,7 @@ from precision_pin.base.csv_columns import (
     IGNORE,
     TIMES,
     ColumnNames,
-    Form,
+    TableForm,
     is_row,
     numbers,
     read_header,
@@ -226,7 +226,7 @@ class _Table:
     """Columns of a file by its first two rows, and how its lines are read: times first, then the joints of ``columns``."""
 
     def __init__(self, header: str, row: str, has_commas: bool, chain: Chain, given: ColumnNames) -> None:
-        self.form, self.chain = Form.of(header, row, has_commas), chain
+        self.form, self.chain = TableForm.of(header, row, has_commas), chain
         self.quantities = {joint.name: joint_quantity(joint) for joint in chain.joints}
         cells, si = self.form.cells(header), {name: quantity.si for name, quantity in self.quantities.items()}
         self.named = recorded(cells, self.form.cells(row), si, given)
