@@ -15,7 +15,7 @@ from analyses.test_allocation_truth import model_of
 from precision_pin.analyses.allocation import problem, tolerances
 from precision_pin.analyses.allocation.allocate import MEAN
 from precision_pin.analyses.allocation.convex_program import without_solver_lines
-from precision_pin.analyses.allocation.problem import beside, read_problem
+from precision_pin.analyses.allocation.problem import alternatives, read_problem
 from precision_pin.analyses.allocation.table import allocation_table
 from precision_pin.analyses.first_order import norm_quantile_slopes
 from precision_pin.analyses.number_law import NormalNorm
@@ -271,7 +271,7 @@ def _refusal(model, path, known):
             tolerances.contributions(model, task.tolerances, task.poses, worst_case=False, advance=lambda _: None)
             known[meant] = ""
         except tolerances.NoScaleError as error:
-            known[meant] = f"{error}{beside(model, error.path)}"
+            known[meant] = f"{error}{alternatives(model, error.path)}"
     return known[meant]
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
 from analyses.test_moments import stretched
-from precision_pin.analyses.calibration.data import read_data, refuse_reversed
+from precision_pin.analyses.calibration.data import check_directions, read_data
 from precision_pin.analyses.calibration.figure import plan_figure
 from precision_pin.analyses.calibration.forecast import contact_poses, interval_after, simulate_calibrations
 from precision_pin.base import se3
@@ -397,9 +397,9 @@ def test_reversed_joints_of_a_printed_arm_are_named(signs, base):
     wrong = " and ".join(name for name, sign in zip(chain.joint_names, signs, strict=True) if sign < 0)
     if wrong:
         said = rf"E_REVERSED: {wrong}: readings fit far better .*\(residuals [12]\.\d+ mm rms instead of \d\d"
-        check_refused((said, refuse_reversed, chain, data, given))
+        check_refused((said, check_directions, chain, data, given))
         return
-    found = refuse_reversed(chain, data, given)
+    found = check_directions(chain, data, given)
     assert found.rms < 2e-3
     # the zero of the first joint is the turn of a free base, too
     assert np.abs(found.values - zeros)[1:].max() < np.radians(3)

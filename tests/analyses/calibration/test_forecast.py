@@ -14,11 +14,11 @@ from analyses.test_verdicts import CASES, UNIT, hinge
 from precision_pin.analyses.calibration.design import observability
 from precision_pin.analyses.calibration.forecast import (
     contact_poses,
-    doubt_contact,
+    contact_warnings,
     interval_after,
     simulate_calibrations,
 )
-from precision_pin.analyses.calibration.plan import Design, _least, _project
+from precision_pin.analyses.calibration.plan import Design, _cheapest_weights, _project
 from precision_pin.analyses.calibration.table import forecast_table
 from precision_pin.robot.examples import shipped_sheets
 from support.refusals import check_refused
@@ -232,7 +232,7 @@ def test_ranks_of_contact():
         known = pp.Measurement(kind, target=OFF_AXIS, **place)
         poses = contact_poses(chain, known, 40)
         tips = np.array([at.posture.pose for at in model.at_columns(poses.q)])
-        assert list(doubt_contact(known, tips)) == []
+        assert list(contact_warnings(known, tips)) == []
         for measurement in (known, replace(known, base="free")):
             found = pp.identifiability(model, poses, measurement)
             unseen[kind, measurement.base] = points - found.rank
@@ -299,7 +299,7 @@ def test_weights_within_limits_by_general_solvers():
         np.testing.assert_allclose(_project(wanted, total, low, high), np.clip(wanted + shift, low, high), atol=1e-9)
         slopes = generator.normal(size=count)
         best = optimize.linprog(slopes, A_eq=np.ones((1, count)), b_eq=[total], bounds=np.column_stack([low, high]))
-        assert slopes @ _least(slopes, total, low, high) == pytest.approx(best.fun, abs=1e-9)
+        assert slopes @ _cheapest_weights(slopes, total, low, high) == pytest.approx(best.fun, abs=1e-9)
 
 
 @pytest.mark.parametrize("criterion", ["D", "task"])

@@ -110,7 +110,7 @@ def test_groups_that_share_errors_are_fewer_trials():
     z, groups, size = np.zeros(problem.unit.root.shape[1]), np.arange(16) // 2, 6
     estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
     columns = []
-    for white in estimator.hold():
+    for white in estimator.residual_projector():
         residuals = np.zeros_like(problem.readings)
         for _, places, span, root in problem.at_stations:
             residuals[places] = root @ white[span]
@@ -118,7 +118,7 @@ def test_groups_that_share_errors_are_fewer_trials():
         columns.append(found.values.ravel())
     # residuals hold y have the covariance hold, of which the map is taken here: hold hold⁺ hold
     left = np.array(columns).T
-    covariance = left @ np.linalg.pinv(estimator.hold(), rcond=1e-9) @ left.T
+    covariance = left @ np.linalg.pinv(estimator.residual_projector(), rcond=1e-9) @ left.T
     blocks = covariance.reshape(8, size, 8, size).swapaxes(1, 2)
     roots = [np.linalg.inv(np.linalg.cholesky(blocks[k, k])) for k in range(8)]
     shares = [((roots[k] @ blocks[k, h] @ roots[h].T) ** 2).sum() / size for k in range(8) for h in range(8)]

@@ -7,14 +7,14 @@ from typing import Any
 from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option, PagePart
 
 
-def prepare(asked: Asked) -> Job:
+def prepare(request: Asked) -> Job:
     """Return the allocation of a command line's sheet; the new sheet is written if the limits can be kept."""
     from precision_pin.analyses.allocation.allocate import allocate, allocation_steps
     from precision_pin.analyses.allocation.problem import read_problem
     from precision_pin.model.error_model import ErrorModel
 
-    options = asked.options
-    model = ErrorModel.from_sheet(asked.sheet)
+    options = request.options
+    model = ErrorModel.from_sheet(request.sheet)
     arguments = {name: options[name] for name in ("seed", "seconds", "pareto", "for_samples")}
 
     def write(result: Any) -> tuple[str, ...]:
@@ -25,16 +25,16 @@ def prepare(asked: Asked) -> Job:
         from precision_pin.analyses.allocation.allocate import allocated_sheet
         from precision_pin.analyses.allocation.figure import figure
 
-        written = {}
+        sheets = {}
         if result.feasible:
-            written = {"allocated.errors.yaml": allocated_sheet(model, result, Path(options["out"]))}
-        return Files({"allocation": figure(result)}, written)
+            sheets = {"allocated.errors.yaml": allocated_sheet(model, result, Path(options["out"]))}
+        return Files({"allocation": figure(result)}, sheets)
 
     return Job(
-        partial(allocate, model, findings=asked.sheet.findings, **arguments),
+        partial(allocate, model, findings=request.sheet.findings, **arguments),
         steps=allocation_steps(read_problem(model, None), max(options["pareto"], 0)),
         what="allocating", unit="steps", stem="allocation", files=files, write=write,
-        findings=asked.sheet.findings,
+        findings=request.sheet.findings,
     )  # fmt: skip
 
 

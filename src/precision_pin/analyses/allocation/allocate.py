@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from precision_pin.analyses.allocation.choices import Judge, Judged, walk
+from precision_pin.analyses.allocation.choices import Judge, SampledVerdict, walk
 from precision_pin.analyses.allocation.convex_program import (
     MOST_POINTS,
     FrontPoint,
@@ -24,7 +24,7 @@ from precision_pin.analyses.allocation.convex_program import (
     pareto_front,
     solve,
 )
-from precision_pin.analyses.allocation.problem import Bound, Problem, common_grades, read_problem, unchosen
+from precision_pin.analyses.allocation.problem import Bound, Problem, common_grades, no_scale_error, read_problem
 from precision_pin.analyses.allocation.tolerances import (
     Contributions,
     NoScaleError,
@@ -93,12 +93,12 @@ class AllocatedLimit(Record):
     @property
     def is_kept(self) -> bool:
         """Whether it is kept, regardless of whether it may be judged."""
-        return self._judged == "met"
+        return self._limit_verdict == "met"
 
     @property
     def verdict(self) -> Verdict:
         """Verdict by the interval of the samples; for a limit without probability, by the first order."""
-        return "not judged" if self.grounds.not_judged else self._judged
+        return "not judged" if self.grounds.not_judged else self._limit_verdict
 
     @property
     def met(self) -> bool:
@@ -106,7 +106,7 @@ class AllocatedLimit(Record):
         return self.verdict == "met"
 
     @property
-    def _judged(self) -> Verdict:
+    def _limit_verdict(self) -> Verdict:
         if self.interval is None or self.required is None:
             keeps = self.first_order <= self.limit * (1 + 1e-9)
             return judge(holds=keeps, fails=not keeps)
@@ -175,7 +175,7 @@ class AllocationResult(AnalysisResult):
     @property
     def cost_before(self) -> float:
         """Sum of the costs of the sheet's tolerances."""
-        return float(sum(float(one.cost.at(np.array(one.before))) for one in self.tolerances))
+        return float(sum(float(tolerance.cost.at(np.array(tolerance.before))) for tolerance in self.tolerances))
 
     @property
     def gap(self) -> float | None:
@@ -187,7 +187,7 @@ class AllocationResult(AnalysisResult):
     @property
     def met(self) -> bool:
         """Whether every limit is met; false where a pose is outside joint limits, unless the model is judged there."""
-        return self.feasible and not self.grounds.not_judged and all(one.met for one in self.limits)
+        return self.feasible and not self.grounds.not_judged and all(limit.met for limit in self.limits)
 
     @property
     def tightest(self) -> AllocatedLimit:
@@ -197,7 +197,7 @@ class AllocationResult(AnalysisResult):
     @property
     def changes(self) -> dict[str, str]:
         """The chosen tolerances by path, as for :meth:`ErrorModel.with_` and ``--set``."""
-        return {one.path: one.written(value) for one, value in zip(self.tolerances, self.after.tolist(), strict=True)}
+        return {tol.path: tol.written(width) for tol, width in zip(self.tolerances, self.after.tolist(), strict=True)}
 
     @property
     def lower_bound_is_proven(self) -> bool:
@@ -209,9 +209,9 @@ class AllocationResult(AnalysisResult):
         """The tolerances as in the JSON."""
         rows = zip(self.after.tolist(), self.costs.tolist(), self.shadow_prices.tolist(), strict=True)
         return [
-            {"path": one.path, "before": one.before, "after": after, "grade": one.grade(after) or None}
+            {"path": tol.path, "before": tol.before, "after": after, "grade": tol.grade(after) or None}
             | {"cost": cost, "shadow_price": price}
-            for one, (after, cost, price) in zip(self.tolerances, rows, strict=True)
+            for tol, (after, cost, price) in zip(self.tolerances, rows, strict=True)
         ]
 
     def _repr_html_(self) -> str:
@@ -241,7 +241,9 @@ MEAN: Final = "constant part"
 """Name of the error with every component at its mean."""
 TOGETHER: Final = "correlated draws"
 """Name of a group of correlated draws too large to be separated."""
+# part of the error, relative to the largest, that counts as rounding
 _ROUNDING: Final = 1e-9
+# standard deviations at which the worst case of a normal law ends
 _DEVIATIONS: Final = 3.0
 
 
@@ -278,15 +280,15 @@ class ErrorParts(Record):
 
     def shares(self) -> list[float]:
         """Return the fraction of each part in the mean square or the worst case, with the chosen tolerances."""
-        powers = [one.after ** (1 if self.kind == "worst_case" else 2) for one in self.sources]
-        return [one / (sum(powers) or 1.0) for one in powers]
+        powers = [part.after ** (1 if self.kind == "worst_case" else 2) for part in self.sources]
+        return [power / (sum(powers) or 1.0) for power in powers]
 
 
 def _norm_parts(model: ErrorModel, pose: str, rows: list[int], worst_case: bool) -> dict[str, float]:
     at = model.at(pose)
-    each: Array = reaches(at, _DEVIATIONS)[:, rows[0]] if worst_case else by_draw(at)[:, rows].sum(axis=1)
+    powers: Array = reaches(at, _DEVIATIONS)[:, rows[0]] if worst_case else by_draw(at)[:, rows].sum(axis=1)
     result: dict[str, float] = {}
-    for owners, part in zip(model.owners, each.tolist(), strict=True):
+    for owners, part in zip(model.owners, powers.tolist(), strict=True):
         # correlated groups of more than twelve draws are not split
         name = ", ".join(owners) if np.isfinite(part) else TOGETHER
         result[name] = result.get(name, 0.0) + (part if np.isfinite(part) else 0.0)
@@ -297,15 +299,19 @@ def _norm_parts(model: ErrorModel, pose: str, rows: list[int], worst_case: bool)
     return {MEAN: float(np.linalg.norm(at.error_at_means[rows]))} | result
 
 
+# maximum number of rounds of aim, tolerances and samples
 _ROUNDS: Final = 6
-_SAME: Final = 1e-6
+# relative difference up to which two rounds chose the same tolerances
+_SAME_WIDTH: Final = 1e-6
 # normal scores by which the aim moves more in each round, while the verdict of the samples does not change
 _STRIDE: Final = 0.4
 # probability that may remain between the lower end of an interval and the required one
 _SPARE: Final = 0.002
 SHOWN_BY: Final = 100_000
 """Default number of samples of `analyze`."""
-_MOST_SHOWN: Final = 10**9
+# maximum number of samples that a margin can be for
+_MAX_SHOWN: Final = 10**9
+# samples for the skewness and excess kurtosis of the laws
 _SHAPE_SAMPLES: Final = 8_192
 # skewness and excess kurtosis (-1.2 for a uniform law) up to which a law is treated as nearly normal
 _MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
@@ -352,60 +358,60 @@ def allocate(
         >>> print(result.met, result.cost_before, round(result.cost))
         True 10.0 57
     """
-    known = check_common(error_model, seed=seed, findings=findings, progress=progress)
+    common = check_common(error_model, seed=seed, findings=findings, progress=progress)
     check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
     if isinstance(pareto, bool) or not isinstance(pareto, int) or pareto != 0:
         check_whole("the number of points of the front", pareto, 2, MOST_POINTS, f"of 0, or from 2 to {MOST_POINTS}")
-    check_whole("the samples that a margin is for", for_samples, 0, _MOST_SHOWN)
+    check_whole("the samples that a margin is for", for_samples, 0, _MAX_SHOWN)
     task = read_problem(error_model, problem)
     with steps_to(progress, allocation_steps(task, pareto), "steps") as advance:
-        bounded = any(isinstance(one, Bound) and one.kind == "worst_case" for one in task.limits)
+        bounded = any(isinstance(limit, Bound) and limit.kind == "worst_case" for limit in task.limits)
         try:
             parts = contributions(error_model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
         except NoScaleError as error:
-            raise unchosen(error_model, error) from None
+            raise no_scale_error(error_model, error) from None
         judge = Judge(error_model, task, int(seed), int(for_samples))
         # tolerances of one group have one number; one without a group has its own
-        names = [one.group or f"\0{k}" for k, one in enumerate(task.tolerances)]
+        names = [tolerance.group or f"\0{k}" for k, tolerance in enumerate(task.tolerances)]
         order = list(dict.fromkeys(names))
-        members, end = np.array([order.index(name) for name in names]), monotonic() + seconds
-        search = _Search(task, parts, members, judge, end)
+        members, deadline = np.array([order.index(name) for name in names]), monotonic() + seconds
+        search = _Search(task, parts, members, judge, deadline)
         choices = search.choices
         programme = search.programme(judge.aimed.tolist())
-        walked = walk(programme, choices, members, parts, judge, int(seed), end)
+        walked = walk(programme, choices, members, parts, judge, int(seed), deadline)
         if walked is not None and walked.is_complete:
-            if walked.chosen is None:
-                chosen = programme.least[members]
-                found = _Attempt(programme, None, chosen, judge.look(chosen), "samples")
+            if walked.widths is None:
+                widths = programme.least[members]
+                attempt = _Attempt(programme, None, widths, judge.look(widths), "samples")
             else:
-                solution = replace(programme.priced(walked.chosen), lower_bound=walked.lower_bound)
-                chosen = walked.chosen[members]
-                found = _Attempt(programme, solution, chosen, walked.judged, "samples", walked.least_met)
+                solution = replace(programme.priced(walked.widths), lower_bound=walked.lower_bound)
+                widths = walked.widths[members]
+                attempt = _Attempt(programme, solution, widths, walked.verdict, "samples", walked.least_met)
             advance(_ROUNDS)
         else:
             rounds = search.rounds(advance)
             if (rounds[-1].solution is None or not rounds[-1].is_met) and (judge.aimed > judge.required).any():
-                # limits that can be kept, but not with a margin
+                # limits that are kept without a margin
                 judge.aimed = judge.required
                 rounds += search.rounds(lambda _: None)
-            found = rounds[-1]
+            attempt = rounds[-1]
             bound, basis = search.bound(rounds)
             if walked is not None:
                 bound, basis = walked.lower_bound, "samples"
-            if found.solution is None:
-                found = replace(found, basis=basis)
+            if attempt.solution is None:
+                attempt = replace(attempt, basis=basis)
             else:
-                least = None if bound is None else min(bound, found.cost)
-                found = replace(found, solution=replace(found.solution, lower_bound=least), basis=basis)
-                if found.is_clear and (margin := judge.aimed - judge.required).any():
-                    held = [one.probability for one in found.programme.limits if one.kind == "quantile"]
-                    without = search.programme((np.array(held) - margin).tolist())
-                    cheaper = solve(without, choices, end - monotonic(), lambda _: None, found.t)
-                    found = replace(found, least_met=np.inf if cheaper is None else cheaper.cost)
-        result = _result(search, found, int(seed), known)
+                lower = None if bound is None else min(bound, attempt.cost)
+                attempt = replace(attempt, solution=replace(attempt.solution, lower_bound=lower), basis=basis)
+                if attempt.is_clear and (margin := judge.aimed - judge.required).any():
+                    aims = [limit.probability for limit in attempt.programme.limits if limit.kind == "quantile"]
+                    relaxed = search.programme((np.array(aims) - margin).tolist())
+                    cheaper = solve(relaxed, choices, deadline - monotonic(), lambda _: None, attempt.t)
+                    attempt = replace(attempt, least_met=np.inf if cheaper is None else cheaper.cost)
+        result = _result(search, attempt, int(seed), common)
         if not pareto:
             return result
-        return replace(result, front=pareto_front(found.programme, choices, members, pareto, seconds, advance))
+        return replace(result, front=pareto_front(attempt.programme, choices, members, pareto, seconds, advance))
 
 
 def allocation_steps(problem: Problem, pareto: int = 0) -> int:
@@ -419,18 +425,18 @@ class _Attempt:
 
     programme: Programme
     solution: Solution | None
-    chosen: Array
-    judged: Judged | None = None
+    widths: Array
+    verdict: SampledVerdict | None = None
     basis: Basis = "proof"
     least_met: float = np.inf
 
     @property
     def is_clear(self) -> bool:
-        return self.judged is not None and self.judged.is_clear
+        return self.verdict is not None and self.verdict.is_clear
 
     @property
     def is_met(self) -> bool:
-        return self.judged is not None and self.judged.is_met
+        return self.verdict is not None and self.verdict.is_met
 
     @property
     def cost(self) -> float:
@@ -453,7 +459,7 @@ class _Search:
     end: float
 
     @cached_property
-    def together(self) -> list[list[Tolerance]]:
+    def groups(self) -> list[list[Tolerance]]:
         """Tolerances of each group."""
         groups = range(int(self.members.max()) + 1)
         return [list(itertools.compress(self.task.tolerances, self.members == g)) for g in groups]
@@ -461,18 +467,18 @@ class _Search:
     @cached_property
     def choices(self) -> list[Array | None]:
         """Grades of each group."""
-        return [common_grades(own) for own in self.together]
+        return [common_grades(members) for members in self.groups]
 
     def programme(self, aims: Sequence[float]) -> Programme:
         """Return costs and limits, with specifications held at these probabilities."""
-        parts, members, together = self.parts, self.members, self.together
-        listed = list(zip(together, self.choices, strict=True))
-        low = np.array([max(one.low for one in own) if grades is None else grades[0] for own, grades in listed])
-        high = np.array([min(one.high for one in own) if grades is None else grades[-1] for own, grades in listed])
-        costs = [[one.cost for one in own] for own in together]
+        parts, members, groups = self.parts, self.members, self.groups
+        graded = list(zip(groups, self.choices, strict=True))
+        low = np.array([max(tol.low for tol in group) if grades is None else grades[0] for group, grades in graded])
+        high = np.array([min(tol.high for tol in group) if grades is None else grades[-1] for group, grades in graded])
+        costs = [[tol.cost for tol in group] for group in groups]
 
         def grouped(array: Array) -> Array:
-            return np.stack([array[members == g].sum(axis=0) for g in range(len(together))])
+            return np.stack([array[members == g].sum(axis=0) for g in range(len(groups))])
 
         squares, reaches = grouped(parts.by_tolerance), grouped(parts.reach_by_tolerance)
         # correlated tolerances of one group contribute one square
@@ -481,64 +487,64 @@ class _Search:
             squares[group] += part
         pairs = of[of[:, 0] != of[:, 1]]
         covariances = np.concatenate([squares, parts.by_pair[of[:, 0] != of[:, 1]]])
-        limits, left = [], iter(aims)
-        for one in self.task.limits:
-            rows = list(one.components)
-            kind, probability = (one.kind, 0.0) if isinstance(one, Bound) else ("quantile", next(left))
+        limits, remaining = [], iter(aims)
+        for item in self.task.limits:
+            rows = list(item.components)
+            kind, probability = (item.kind, 0.0) if isinstance(item, Bound) else ("quantile", next(remaining))
             grid = np.ix_(rows, rows)
             if kind == "worst_case":
-                fixed, each, products = parts.reach[rows][:, None], reaches[:, rows][:, :, None], pairs[:0]
+                fixed, rates, products = parts.reach[rows][:, None], reaches[:, rows][:, :, None], pairs[:0]
             else:
-                fixed, each, products = parts.covariance[grid], np.stack([part[grid] for part in covariances]), pairs
-            limits.append(Limit(kind, one.limit, probability, tuple(rows), parts.mean[rows], fixed, each, products))
+                fixed, rates, products = (parts.covariance[grid], np.stack([part[grid] for part in covariances]), pairs)
+            limits.append(Limit(kind, item.limit, probability, tuple(rows), parts.mean[rows], fixed, rates, products))
         return Programme(costs, low, high, limits)
 
     def rounds(self, advance: Callable[[int], None]) -> list[_Attempt]:
         """Return the first-order rounds, each aimed by the samples of the previous one; the best comes last."""
         aims, judge = self.judge.aimed.tolist(), self.judge
         rounds: list[_Attempt] = []
-        found: _Attempt | None = None
-        tried: list[tuple[list[float], Array]] = []
+        best: _Attempt | None = None
+        trials: list[tuple[list[float], Array]] = []
         for _ in range(_ROUNDS):
             programme = self.programme(aims)
-            near = None if found is None or found.solution is None else found.solution.t
-            solution = solve(programme, self.choices, self.end - monotonic(), advance, near)
-            made = _Attempt(programme, solution, (programme.least if solution is None else solution.t)[self.members])
-            is_same = found is not None and np.allclose(made.chosen, found.chosen, rtol=_SAME, atol=0)
-            known = found.judged if found is not None and is_same and found.is_clear else None
-            if not judge.chances or (known is not None and solution is not None):
-                rounds += [] if judge.chances else [made]
-                found = found or made
+            start = None if best is None or best.solution is None else best.solution.t
+            solution = solve(programme, self.choices, self.end - monotonic(), advance, start)
+            trial = _Attempt(programme, solution, (programme.least if solution is None else solution.t)[self.members])
+            is_same = best is not None and np.allclose(trial.widths, best.widths, rtol=_SAME_WIDTH, atol=0)
+            verdict = best.verdict if best is not None and is_same and best.is_clear else None
+            if not judge.chances or (verdict is not None and solution is not None):
+                rounds += [] if judge.chances else [trial]
+                best = best or trial
                 break
             # retry the narrowest ones where the first order rejects what the samples accept
-            made = replace(made, judged=known or judge.look(made.chosen, judge.many))
-            rounds.append(made)
+            trial = replace(trial, verdict=verdict or judge.look(trial.widths, judge.many))
+            rounds.append(trial)
             advance(1)
-            assert made.judged is not None
-            spare = made.judged.sampled[1].min(axis=1) - judge.aimed
-            # prefer those with the margin, then the cheaper; the last one where none is met
-            better = found is not None and (made.is_clear, -made.cost) > (found.is_clear, -found.cost)
-            if found is None or not found.is_met or (made.is_met and better):
-                found = made
+            assert trial.verdict is not None
+            spare = trial.verdict.sampled[1].min(axis=1) - judge.aimed
+            # prefer attempts with the margin, then the cheaper; else the last one
+            is_better = best is not None and (trial.is_clear, -trial.cost) > (best.is_clear, -best.cost)
+            if best is None or not best.is_met or (trial.is_met and is_better):
+                best = trial
             # of several limits only the active ones have reserve to give back
             # fraction of a limit, first order, from which it may be active
             holds = [
-                one.measure(made.t[:, None]).max() > 0.9 * one.limit
-                for one in programme.limits
-                if one.kind == "quantile"
+                limit.measure(trial.t[:, None]).max() > 0.9 * limit.limit
+                for limit in programme.limits
+                if limit.kind == "quantile"
             ]
             # the first order may reject what the samples accept
-            if (solution is None and not made.is_clear) or (made.is_clear and not (holds & (spare > _SPARE)).any()):
+            if (solution is None and not trial.is_clear) or (trial.is_clear and not (holds & (spare > _SPARE)).any()):
                 break
-            tried.append((aims, spare))
-            history = [np.array(one).T for one in zip(*tried, strict=True)]
+            trials.append((aims, spare))
+            history = [np.array(column).T for column in zip(*trials, strict=True)]
             aims = [
-                _next_aim(*own) if (held if made.is_clear else own[1][-1] < 0) else float(own[0][-1])
-                for *own, held in zip(*history, holds, strict=True)
+                _next_aim(*past) if (is_active if trial.is_clear else past[1][-1] < 0) else float(past[0][-1])
+                for *past, is_active in zip(*history, holds, strict=True)
             ]
-        assert found is not None
+        assert best is not None
         advance(_ROUNDS - len(rounds) if judge.chances else _ROUNDS)
-        return [*(one for one in rounds if one is not found), found]
+        return [*(trial for trial in rounds if trial is not best), best]
 
     def bound(self, rounds: Sequence[_Attempt]) -> tuple[float | None, Basis]:
         """Return a lower bound of the cost under the limits as stated, not as aimed at; none for laws far from normal.
@@ -546,25 +552,25 @@ class _Search:
         With specifications it is the first-order bound, at a probability lowered by the samples' largest excess of any
         round.
         """
-        found = rounds[-1]
+        best = rounds[-1]
         if not self.judge.chances:
-            return None if found.solution is None else found.solution.lower_bound, "proof"
+            return None if best.solution is None else best.solution.lower_bound, "proof"
         # whether the laws of the chosen tolerances are about as close to normal as a uniform one is
-        columns = np.unique(np.concatenate([one.columns for one in self.parts.moved]))
+        columns = np.unique(np.concatenate([effect.columns for effect in self.parts.effects]))
         numbers = in_deviations(self.judge.model.space, 0, _SHAPE_SAMPLES)[columns]
         skewness, curvature = (numbers**3).mean(axis=1), (numbers**4).mean(axis=1) - 3
         is_near = (np.abs(skewness) < _MOST_SKEWED).all() and (np.abs(curvature) < _MOST_CURVED).all()
-        if found.solution is None or not is_near:
+        if best.solution is None or not is_near:
             return None, "normal law"
         excess = np.zeros(len(self.judge.chances))
-        for one in rounds:
+        for attempt in rounds:
             normal = np.array(
-                [limit.probabilities(one.t) for limit in one.programme.limits if limit.kind == "quantile"]
+                [limit.probabilities(attempt.t) for limit in attempt.programme.limits if limit.kind == "quantile"]
             )
-            assert one.judged is not None
-            excess = np.maximum(excess, (one.judged.sampled[2] - normal).max(axis=1))
+            assert attempt.verdict is not None
+            excess = np.maximum(excess, (attempt.verdict.sampled[2] - normal).max(axis=1))
         programme = self.programme((self.judge.required - excess).tolist())
-        wider = solve(programme, self.choices, max(self.end - monotonic(), 0.0), lambda _: None, found.solution.t)
+        wider = solve(programme, self.choices, max(self.end - monotonic(), 0.0), lambda _: None, best.solution.t)
         return (None if wider is None else wider.lower_bound), "normal law"
 
 
@@ -577,9 +583,9 @@ def _next_aim(aims: Array, spares: Array) -> float:
     aim, spare, short = float(aims[-1]), float(spares[-1]), spares < 0
     if short.any() and not short.all():
         low, high = int(np.where(short, aims, -1.0).argmax()), int(np.where(short, 2.0, aims).argmin())
-        share = np.clip((_SPARE / 2 - spares[low]) / (spares[high] - spares[low]), 0.25, 0.75)
-        ends = special.ndtri(aims[[low, high]])
-        return float(special.ndtr(ends[0] + share * (ends[1] - ends[0])))
+        fraction = np.clip((_SPARE / 2 - spares[low]) / (spares[high] - spares[low]), 0.25, 0.75)
+        scores = special.ndtri(aims[[low, high]])
+        return float(special.ndtr(scores[0] + fraction * (scores[1] - scores[0])))
     stride = _STRIDE * (len(aims) - 1)
     if spare < 0:
         return max(min(aim - spare * 1.25, (1 + aim) / 2), float(special.ndtr(special.ndtri(aim) + stride)))
@@ -587,56 +593,56 @@ def _next_aim(aims: Array, spares: Array) -> float:
     return min(step, float(special.ndtr(special.ndtri(aim) - stride)))
 
 
-def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding, ...]) -> AllocationResult:
+def _result(search: _Search, attempt: _Attempt, seed: int, findings: tuple[Finding, ...]) -> AllocationResult:
     task, members, judge, model = search.task, search.members, search.judge, search.judge.model
     values, _ = model.configurations(list(task.poses))
     grounds = grounds_at(model, values, task.poses)
-    programme, solution = found.programme, found.solution
-    judged, places, row = [], [], 0
-    for k, one in enumerate(task.limits):
-        measure = programme.limits[k].measure(found.t[:, None])[0]
+    programme, solution = attempt.programme, attempt.solution
+    allocated, places, row = [], [], 0
+    for k, limit in enumerate(task.limits):
+        measure = programme.limits[k].measure(attempt.t[:, None])[0]
         worst = int(measure.argmax()) % len(task.poses)
         places.append(int(measure.argmax()))
-        sampled: dict[str, Any] = {}
-        if isinstance(one, Specification):
-            assert found.judged is not None
-            worst = int(found.judged.sampled[1, row].argmin())
-            share, low, high = found.judged.sampled[:, row, worst].tolist()
-            margin = float(judge.aimed[row] - judge.required[row]) if found.is_clear else 0.0
-            sampled = {"required": one.required, "probability": share, "interval": (low, high), "margin": margin}
-            sampled["varies"] = bool(found.judged.varies[row, worst])
+        sample: dict[str, Any] = {}
+        if isinstance(limit, Specification):
+            assert attempt.verdict is not None
+            worst = int(attempt.verdict.sampled[1, row].argmin())
+            share, low, high = attempt.verdict.sampled[:, row, worst].tolist()
+            margin = float(judge.aimed[row] - judge.required[row]) if attempt.is_clear else 0.0
+            sample = {"required": limit.required, "probability": share, "interval": (low, high), "margin": margin}
+            sample["varies"] = bool(attempt.verdict.varies[row, worst])
             row += 1
-        judged.append(
+        allocated.append(
             AllocatedLimit(
                 kind=programme.limits[k].kind,
-                quantity=_quantity(one),
-                limit=one.limit,
-                aimed=None if found.basis == "samples" else programme.limits[k].probability or None,
+                quantity=_quantity(limit),
+                limit=limit.limit,
+                aimed=None if attempt.basis == "samples" else programme.limits[k].probability or None,
                 first_order=float(measure.max()),
                 worst_pose=task.poses[worst],
                 shadow_price=None if solution is None else solution.prices[k],
                 grounds=grounds,
-                **sampled,
+                **sample,
             )
         )
     width = np.zeros(len(programme.low)) if solution is None else solution.bound_prices
-    graded = np.array([search.choices[own] is not None for own in members])
-    cost = np.array([float(one.cost.at(value)) for one, value in zip(task.tolerances, found.chosen, strict=True)])
-    tightest = tightest_of(judged)
+    graded = np.array([search.choices[group] is not None for group in members])
+    cost = np.array([float(tol.cost.at(value)) for tol, value in zip(task.tolerances, attempt.widths, strict=True)])
+    tightest = tightest_of(allocated)
     return AllocationResult(
         provenance=Provenance.of(model, seed),
         tolerances=task.tolerances,
-        after=found.chosen,
+        after=attempt.widths,
         costs=cost,
         shadow_prices=np.where(graded, 0.0, width[members]),
         lower_bound=None if solution is None else solution.lower_bound,
-        bound_basis=found.basis,
-        limits=tuple(judged),
+        bound_basis=attempt.basis,
+        limits=tuple(allocated),
         for_samples=judge.for_samples,
-        margin_cost=max(float(cost.sum()) - found.least_met, 0.0) if np.isfinite(found.least_met) else None,
-        parts=_parts(model, task, found, places[tightest], tightest),
+        margin_cost=max(float(cost.sum()) - attempt.least_met, 0.0) if np.isfinite(attempt.least_met) else None,
+        parts=_parts(model, task, attempt, places[tightest], tightest),
         poses=task.poses,
-        feasible=solution is not None or all(one.is_kept for one in judged),
+        feasible=solution is not None or all(limit.is_kept for limit in allocated),
         grounds=grounds,
         findings=(
             *findings,
@@ -646,30 +652,30 @@ def _result(search: _Search, found: _Attempt, seed: int, findings: tuple[Finding
     )
 
 
-def _parts(model: ErrorModel, task: Problem, found: _Attempt, place: int, limit: int) -> ErrorParts:
+def _parts(model: ErrorModel, task: Problem, attempt: _Attempt, place: int, limit: int) -> ErrorParts:
     """Return the contributions to the error at a place of a limit; a worst case has rows times poses as places."""
-    one, rows = task.limits[limit], found.programme.limits[limit].rows
-    worst_case = isinstance(one, Bound) and one.kind == "worst_case"
+    bound, rows = task.limits[limit], attempt.programme.limits[limit].rows
+    worst_case = isinstance(bound, Bound) and bound.kind == "worst_case"
     row, pose = divmod(place, len(task.poses))
     if worst_case:
         rows = (rows[row],)
-    name = _quantity(one) if not worst_case else QUANTITIES[COMPONENTS[rows[0]]]
+    name = _quantity(bound) if not worst_case else QUANTITIES[COMPONENTS[rows[0]]]
     sheet = np.array([tolerance.before for tolerance in task.tolerances])
     # of the model as it is, with the chosen tolerances, and with all of them doubled
-    models = [model, *(changed_model(model, task.tolerances, values) for values in (found.chosen, 2 * sheet))]
-    before, after, changed = (_norm_parts(one, task.poses[pose], list(rows), worst_case) for one in models)
+    models = [model, *(changed_model(model, task.tolerances, values) for values in (attempt.widths, 2 * sheet))]
+    before, after, changed = (_norm_parts(m, task.poses[pose], list(rows), worst_case) for m in models)
     rounding = _ROUNDING * max(before.values())
     parts = [
         SourcePart(source, before[source], after[source], abs(changed[source] - before[source]) > rounding)
         for source in before
         if max(before[source], after[source]) > rounding
     ]
-    ordered = tuple(sorted(parts, key=lambda part: (-part.after, part.source)))
-    return ErrorParts(task.poses[pose], name, "worst_case" if worst_case else "rms", ordered)
+    sources = tuple(sorted(parts, key=lambda part: (-part.after, part.source)))
+    return ErrorParts(task.poses[pose], name, "worst_case" if worst_case else "rms", sources)
 
 
-def _quantity(one: Specification | Bound) -> str:
-    if isinstance(one, Specification):
-        return one.quantity
-    part = "position" if one.is_position else "attitude"
-    return f"{part}.norm" if one.kind == "rms" else part
+def _quantity(limit: Specification | Bound) -> str:
+    if isinstance(limit, Specification):
+        return limit.quantity
+    part = "position" if limit.is_position else "attitude"
+    return f"{part}.norm" if limit.kind == "rms" else part

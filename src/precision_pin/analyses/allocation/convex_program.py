@@ -40,14 +40,14 @@ ROUNDING: Final = 1e-9
 _AT_ONCE: Final = 34
 
 
-def last_kept(kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]:
+def last_kept(is_kept: Callable[[Array], NDArray[np.bool_]]) -> tuple[float, float]:
     """Return the last kept fraction of a line from 0 (kept) to 1 (not kept), and the first that is not kept."""
-    least, most = 0.0, 1.0
-    while most - least > ROUNDING:
-        shares = np.linspace(least, most, _AT_ONCE)
-        first = int(np.argmin(np.concatenate([[True], kept(shares[1:-1]), [False]])))
-        least, most = float(shares[first - 1]), float(shares[first])
-    return least, most
+    low, high = 0.0, 1.0
+    while high - low > ROUNDING:
+        fractions = np.linspace(low, high, _AT_ONCE)
+        index = int(np.argmin(np.concatenate([[True], is_kept(fractions[1:-1]), [False]])))
+        low, high = float(fractions[index - 1]), float(fractions[index])
+    return low, high
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,19 +86,19 @@ class Limit(Fixed):
         return is_convex or self.probability >= 0.92
 
     @cached_property
-    def _last(self) -> dict[bytes, Array]:
+    def _cache(self) -> dict[bytes, Array]:
         return {}
 
     def measure(self, t: Array) -> Array:
         """Return the limited value ``(m, places)`` for tolerances ``(n, m)``; places are poses, or rows times poses.
 
-        The last one is kept: values and slopes are asked for at the same tolerances in turn.
+        The last result is cached: values and slopes are evaluated at the same tolerances.
         """
         key = t.tobytes()
-        if key not in self._last:
-            self._last.clear()
-            self._last[key] = read_only(self._measure(t))
-        return self._last[key]
+        if key not in self._cache:
+            self._cache.clear()
+            self._cache[key] = read_only(self._measure(t))
+        return self._cache[key]
 
     def _measure(self, t: Array) -> Array:
         if self.kind == "worst_case":
@@ -144,15 +144,15 @@ class Limit(Fixed):
         """Return the squares of tolerances ``(n, m)``, then the products of pairs."""
         if not len(self.pairs):
             return t**2
-        known = np.vstack([t, np.ones((1, t.shape[1]))])
-        return np.vstack([t**2, known[self.pairs[:, 0]] * known[self.pairs[:, 1]]])
+        extended = np.vstack([t, np.ones((1, t.shape[1]))])
+        return np.vstack([t**2, extended[self.pairs[:, 0]] * extended[self.pairs[:, 1]]])
 
     def _by_tolerance(self, by_product: Array, t: Array) -> Array:
         """Return derivatives with respect to ln t ``(n, places)`` from those with respect to squares and products."""
         parts = by_product * self._products(t[:, None])
         slopes = np.vstack([2 * parts[: len(t)], np.zeros((1, parts.shape[1]))])
-        for one in range(2):
-            np.add.at(slopes, self.pairs[:, one], parts[len(t) :])
+        for side in range(2):
+            np.add.at(slopes, self.pairs[:, side], parts[len(t) :])
         return np.asarray(slopes[: len(t)])
 
     def _vectors(self, t: Array) -> tuple[Array, Array]:
@@ -198,16 +198,16 @@ class Programme:
     def cost_of(self, t: Array) -> Array:
         """Return the cost of each tolerance, ``(n, …)``."""
         pairs = zip(self.costs, t, strict=True)
-        return np.stack([sum((cost.at(one) for cost in own), np.zeros_like(one)) for own, one in pairs])
+        return np.stack([sum((cost.at(width) for cost in terms), np.zeros_like(width)) for terms, width in pairs])
 
     def slope_of(self, t: Array) -> Array:
         """Return the derivative of each cost with respect to its tolerance, ``(n, …)``."""
         pairs = zip(self.costs, t, strict=True)
-        return np.stack([sum((cost.slope(one) for cost in own), np.zeros_like(one)) for own, one in pairs])
+        return np.stack([sum((cost.slope(width) for cost in terms), np.zeros_like(width)) for terms, width in pairs])
 
     def shares(self, t: Array) -> Array:
         """Return each measure over its limit, ``(m, all places)``, for tolerances ``(n, m)``."""
-        return np.hstack([one.measure(t) / one.limit for one in self.limits])
+        return np.hstack([limit.measure(t) / limit.limit for limit in self.limits])
 
     def exceeded(self, t: Array) -> Array:
         """Return ln of each measure over its limit, ``(all places,)``: positive where a limit is exceeded."""
@@ -216,7 +216,7 @@ class Programme:
     @property
     def is_monotone(self) -> bool:
         """Whether every narrower tolerance makes every error smaller; correlated ones may cancel each other."""
-        return not any(len(one.pairs) for one in self.limits)
+        return not any(len(limit.pairs) for limit in self.limits)
 
     @cached_property
     def least(self) -> Array:
@@ -227,10 +227,10 @@ class Programme:
         count = len(low)
 
         def slopes(x: Array) -> Array:
-            falls = -np.hstack([one.log_slopes(np.exp(x[:count])) for one in self.limits]).T
+            falls = -np.hstack([limit.log_slopes(np.exp(x[:count])) for limit in self.limits]).T
             return np.column_stack([falls, np.ones(len(falls))])
 
-        found: Any = optimize.minimize(
+        optimum: Any = optimize.minimize(
             lambda x: float(x[count]),
             np.append(low, self.exceeded(self.low).max()),
             jac=lambda _: np.append(np.zeros(count), 1.0),
@@ -239,19 +239,19 @@ class Programme:
             method="SLSQP",
             options={"maxiter": 500, "ftol": 1e-12},
         )
-        reached = np.exp(np.clip(found.x[:count], low, high))
+        reached = np.exp(np.clip(optimum.x[:count], low, high))
         return min(self.low, reached, key=lambda t: float(self.exceeded(t).max()))
 
-    def solve(self, near: Array | None = None) -> Solution | None:
+    def solve(self, guess: Array | None = None) -> Solution | None:
         """Return the cheapest tolerances, starting from ``near``, or ``None`` where even `least` exceeds a limit."""
         if self.exceeded(self.least).max() > ROUNDING:
             return None
         if (self.low == self.high).all():
             return self.priced(self.low)
         low, high = np.log(self.low), np.log(self.high)
-        start = self._largest_within(np.log(self.least), high if near is None else np.clip(np.log(near), low, high))
+        start = self._largest_within(np.log(self.least), high if guess is None else np.clip(np.log(guess), low, high))
         scale = float(np.abs(self.slope_of(np.exp(start)) * np.exp(start)).sum()) or 1.0
-        found: Any = optimize.minimize(
+        optimum: Any = optimize.minimize(
             lambda x: float(self.cost_of(np.exp(x)).sum()) / scale,
             start,
             jac=lambda x: self.slope_of(np.exp(x)) * np.exp(x) / scale,
@@ -259,81 +259,82 @@ class Programme:
             constraints={
                 "type": "ineq",
                 "fun": lambda x: -self.exceeded(np.exp(x)),
-                "jac": lambda x: -np.hstack([one.log_slopes(np.exp(x)) for one in self.limits]).T,
+                "jac": lambda x: -np.hstack([limit.log_slopes(np.exp(x)) for limit in self.limits]).T,
             },
             method="SLSQP",
             options={"maxiter": 500, "ftol": 1e-14},
         )
         # the lower bound, not the solver's flag, measures the quality; limits are kept to rounding only, so step back
-        x = self._largest_within(np.log(self.least), np.clip(found.x, low, high))
+        x = self._largest_within(np.log(self.least), np.clip(optimum.x, low, high))
         return self.priced(np.exp(x))
 
-    def _largest_within(self, kept: Array, high: Array) -> Array:
+    def _largest_within(self, inner: Array, high: Array) -> Array:
         """Return the point closest to ``high`` on the line from ``kept`` that keeps all limits."""
         if self.exceeded(np.exp(high)).max() <= ROUNDING:
             return high
-        least, _ = last_kept(
-            lambda shares: self.shares(np.exp(kept[:, None] + shares * (high - kept)[:, None])).max(axis=1) <= 1
+        fraction, _ = last_kept(
+            lambda fractions: self.shares(np.exp(inner[:, None] + fractions * (high - inner)[:, None])).max(axis=1) <= 1
         )
-        return kept + least * (high - kept)
+        return inner + fraction * (high - inner)
 
     def priced(self, t: Array) -> Solution:
         """Return a solution with its multipliers, by non-negative least squares of the first-order conditions."""
         falls = -self.slope_of(t) * t
-        slopes = [one.log_slopes(t) for one in self.limits]
-        places = np.repeat(np.arange(len(self.limits)), [one.shape[1] for one in slopes])
+        slopes = [limit.log_slopes(t) for limit in self.limits]
+        places = np.repeat(np.arange(len(self.limits)), [part.shape[1] for part in slopes])
         # relative distance from a limit below which it is active
         active = np.flatnonzero(self.exceeded(t) > -1e-5)
         multipliers = np.zeros(len(places))
-        free = (t > self.low * (1 + 1e-7)) & (t < self.high * (1 - 1e-7))
-        if len(active) and free.any():
-            gradient = np.hstack(slopes)[:, active][free]
+        is_free = (t > self.low * (1 + 1e-7)) & (t < self.high * (1 - 1e-7))
+        if len(active) and is_free.any():
+            gradient = np.hstack(slopes)[:, active][is_free]
             # conditions weighted by the effect of each tolerance
-            weights = 1 / np.maximum(falls[free], 1e-300)
-            multipliers[active] = optimize.nnls(gradient * weights[:, None], falls[free] * weights)[0]
-        total = tuple(float(multipliers[places == k].sum() / one.limit) for k, one in enumerate(self.limits))
-        rest = (falls - np.hstack(slopes) @ multipliers) / t
-        convex = all(one.has_bound for one in self.limits)
+            weights = 1 / np.maximum(falls[is_free], 1e-300)
+            multipliers[active] = optimize.nnls(gradient * weights[:, None], falls[is_free] * weights)[0]
+        total = tuple(float(multipliers[places == k].sum() / limit.limit) for k, limit in enumerate(self.limits))
+        reduced = (falls - np.hstack(slopes) @ multipliers) / t
+        convex = all(limit.has_bound for limit in self.limits)
         bound = self._lower_bound(t, slopes, multipliers, places) if convex else None
-        return Solution(t, float(self.cost_of(t).sum()), bound, total, np.where(free, 0.0, rest))
+        return Solution(t, float(self.cost_of(t).sum()), bound, total, np.where(is_free, 0.0, reduced))
 
     def _lower_bound(self, t: Array, slopes: Sequence[Array], multipliers: Array, places: NDArray[np.intp]) -> float:
         """Return the minimum of the Lagrangian in t, with quantiles replaced by tangents in t² (t if correlated)."""
         square, line = np.zeros(len(self.low)), np.zeros(len(self.low))
         constant = 0.0
-        for k, one in enumerate(self.limits):
-            own = multipliers[places == k]
-            if len(one.pairs) or one.kind == "quantile":
+        for k, limit in enumerate(self.limits):
+            weights = multipliers[places == k]
+            if len(limit.pairs) or limit.kind == "quantile":
                 # with correlated tolerances the measure is convex in t, not in t²
-                sums, power = (line, 1) if len(one.pairs) else (square, 2)
-                half = slopes[k] @ own / power
-                sums += half / t**power
-                constant += float(own @ one.excess(t) - half.sum())
-            elif one.kind == "rms":
-                own = own / (2 * one.limit**2)
-                still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
-                square += np.einsum("niip,p->n", one.parts, own)
-                constant += float(own @ (still - one.limit**2))
+                sums, power = (line, 1) if len(limit.pairs) else (square, 2)
+                shares = slopes[k] @ weights / power
+                sums += shares / t**power
+                constant += float(weights @ limit.excess(t) - shares.sum())
+            elif limit.kind == "rms":
+                weights = weights / (2 * limit.limit**2)
+                fixed = (limit.mean**2).sum(axis=0) + np.einsum("iip->p", limit.fixed)
+                square += np.einsum("niip,p->n", limit.parts, weights)
+                constant += float(weights @ (fixed - limit.limit**2))
             else:
-                own = own / one.limit
-                still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
-                line += one.parts[:, :, 0].reshape(len(line), -1) @ own
-                constant += float(own @ (still - one.limit))
+                weights = weights / limit.limit
+                fixed = (np.abs(limit.mean) + limit.fixed[:, 0]).reshape(-1)
+                line += limit.parts[:, :, 0].reshape(len(line), -1) @ weights
+                constant += float(weights @ (fixed - limit.limit))
         low, high = self.low.copy(), self.high.copy()
         for _ in range(200):
             middle = np.sqrt(low * high)
             falls = self.slope_of(middle) + 2 * square * middle + line < 0
             low, high = np.where(falls, middle, low), np.where(falls, high, middle)
-        least = np.sqrt(low * high)
-        return float((self.cost_of(least) + square * least**2 + line * least).sum() + constant)
+        minimiser = np.sqrt(low * high)
+        return float((self.cost_of(minimiser) + square * minimiser**2 + line * minimiser).sum() + constant)
 
 
 # fraction of the cost that may remain between the bounds
 _GAP: Final = 1e-6
 # relative distance from a limit below which its tangent is added
-_NEAR: Final = 1e-4
+_ACTIVE: Final = 1e-4
 # factor on tolerances that keep the limits, after which the line to them leaves the limits close by
-_BEYOND: Final = 1.5
+_WIDENING: Final = 1.5
+# maximum number of rounds of both bounds
 _ROUNDS: Final = 1000
 
 
@@ -342,7 +343,7 @@ def solve(
     choices: Sequence[Array | None],
     seconds: float,
     advance: Callable[[int], None],
-    near: Array | None = None,
+    guess: Array | None = None,
 ) -> Solution | None:
     """Return the cheapest tolerances, or ``None`` where even the narrowest exceed a limit.
 
@@ -350,74 +351,74 @@ def solve(
     ``seconds`` the best so far is returned, with its lower bound, and ``advance`` is called with 0 after each round of
     both bounds; without any, the search starts from ``near``.
     """
-    fixed = np.array([one is not None for one in choices])
-    if not fixed.any():
-        return programme.solve(near)
-    end = monotonic() + max(seconds, 0.0)
+    is_graded = np.array([grades is not None for grades in choices])
+    if not is_graded.any():
+        return programme.solve(guess)
+    deadline = monotonic() + max(seconds, 0.0)
 
     def solved_at(t: Array) -> Solution | None:
-        low, high = np.where(fixed, t, programme.low), np.where(fixed, t, programme.high)
+        low, high = np.where(is_graded, t, programme.low), np.where(is_graded, t, programme.high)
         return replace(programme, low=low, high=high).solve()
 
     best = solved_at(programme.low)
     if best is None and (programme.is_monotone or programme.exceeded(programme.least).max() > ROUNDING):
         return None
-    if best is not None and fixed.all():
-        best = solved_at(_widened(programme, choices)) or best
+    if best is not None and is_graded.all():
+        best = solved_at(_widen_grades(programme, choices)) or best
     relaxed = _Relaxation(programme, choices, (0.0 if best is None else abs(best.cost)) or 1.0)
     relaxed.cut(programme.high)
     if best is not None:
-        relaxed.cut(best.t * _BEYOND)
-    bound, seen = -np.inf, set[bytes]()
+        relaxed.cut(best.t * _WIDENING)
+    bound, visited = -np.inf, set[bytes]()
     for k in range(_ROUNDS):
-        left = end - monotonic()
-        if left <= 0 and k:
+        remaining = deadline - monotonic()
+        if remaining <= 0 and k:
             break
         # least time for the first lower bound, in seconds
-        t, found = relaxed.solve(max(left, 0.5))
-        gained, bound = found - bound, max(bound, found)
+        t, cost_bound = relaxed.solve(max(remaining, 0.5))
+        gain, bound = cost_bound - bound, max(bound, cost_bound)
         if t is None or (best is not None and best.cost - bound <= _GAP * abs(best.cost)):
             break
-        if t[fixed].tobytes() in seen:
+        if t[is_graded].tobytes() in visited:
             # the remaining gap is then rounding of the linear programme
-            if best is not None and gained <= _GAP / 10 * abs(best.cost):
+            if best is not None and gain <= _GAP / 10 * abs(best.cost):
                 break
         elif (solution := solved_at(t)) is None:
-            relaxed.refuse(t)
+            relaxed.exclude(t)
         else:
-            seen.add(t[fixed].tobytes())
-            best = solution if best is None else min(best, solution, key=lambda one: one.cost)
+            visited.add(t[is_graded].tobytes())
+            best = solution if best is None else min(best, solution, key=lambda c: c.cost)
             relaxed.touch(solution.t)
         relaxed.add_tangents(t)
         relaxed.cut(t)
         advance(0)
     if best is None:
         return None
-    known = np.isfinite(bound) and all(one.has_bound for one in programme.limits)
-    return replace(best, lower_bound=min(bound, best.cost) if known else None)
+    is_valid = np.isfinite(bound) and all(limit.has_bound for limit in programme.limits)
+    return replace(best, lower_bound=min(bound, best.cost) if is_valid else None)
 
 
-def _widened(programme: Programme, choices: Sequence[Array | None]) -> Array:
-    """Return grades that keep the limits: from the narrowest, widening where most is saved for the reserve it costs."""
+def _widen_grades(programme: Programme, choices: Sequence[Array | None]) -> Array:
+    """Return grades that keep the limits, widened greedily from the narrowest by saving per consumed reserve."""
     places = np.zeros(len(choices), dtype=int)
-    lists = [np.asarray(one) for one in choices]
-    t = np.array([own[0] for own in lists])
+    lists = [np.asarray(grades) for grades in choices]
+    t = np.array([grades[0] for grades in lists])
     while True:
-        steps = [k for k, own in enumerate(lists) if places[k] + 1 < len(own)]
+        steps = [k for k, grades in enumerate(lists) if places[k] + 1 < len(grades)]
         if not steps:
             return t
-        tried = np.tile(t[:, None], len(steps))
+        trials = np.tile(t[:, None], len(steps))
         for column, k in enumerate(steps):
-            tried[k, column] = lists[k][places[k] + 1]
-        used, before = programme.shares(tried), programme.shares(t[:, None])
-        saved = programme.cost_of(t[:, None]).sum() - programme.cost_of(tried).sum(axis=0)
-        lost = np.maximum((used**2 - before**2).sum(axis=1), 1e-12)
-        worth = np.where(used.max(axis=1) <= 1, saved / lost, -np.inf)
-        chosen = int(worth.argmax())
-        if not np.isfinite(worth[chosen]):
+            trials[k, column] = lists[k][places[k] + 1]
+        shares, shares_before = programme.shares(trials), programme.shares(t[:, None])
+        saved = programme.cost_of(t[:, None]).sum() - programme.cost_of(trials).sum(axis=0)
+        reserve_cost = np.maximum((shares**2 - shares_before**2).sum(axis=1), 1e-12)
+        ratios = np.where(shares.max(axis=1) <= 1, saved / reserve_cost, -np.inf)
+        best = int(ratios.argmax())
+        if not np.isfinite(ratios[best]):
             return t
-        t = tried[:, chosen]
-        places[steps[chosen]] += 1
+        t = trials[:, best]
+        places[steps[best]] += 1
 
 
 class _Relaxation:
@@ -426,97 +427,97 @@ class _Relaxation:
     def __init__(self, programme: Programme, choices: Sequence[Array | None], cost: float) -> None:
         self._programme = programme
         self._choices = [
-            own if own is None or not programme.is_monotone else _worthwhile(programme, k, own)
-            for k, own in enumerate(choices)
+            grades if grades is None or not programme.is_monotone else _worthwhile(programme, k, grades)
+            for k, grades in enumerate(choices)
         ]
-        counts = [3 if own is None else len(own) for own in self._choices]
-        ends = np.cumsum(counts)
-        self._columns = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-        count, size = int(ends[-1]), len(choices)
+        counts = [3 if grades is None else len(grades) for grades in self._choices]
+        stops = np.cumsum(counts)
+        self._columns = [slice(stop - count, stop) for stop, count in zip(stops, counts, strict=True)]
+        count, size = int(stops[-1]), len(choices)
         self._widest = programme.high
         self._scale = cost
         self._t, self._square = np.zeros((size, count)), np.zeros((size, count))
         self._cost, self._integral = np.zeros(count), np.zeros(count)
         self._lower, self._upper = np.zeros(count), np.ones(count)
         self._rows: list[Array] = []
-        self._most: list[float] = []
+        self._bounds: list[float] = []
         # limits that are no linear rows in t or t²
-        self._curved = [one for one in programme.limits if one.kind == "quantile" or len(one.pairs)]
+        self._nonlinear = [limit for limit in programme.limits if limit.kind == "quantile" or len(limit.pairs)]
         costs = programme.cost_of
-        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
-            if own is None:
-                first = columns.start
-                self._t[k, first] = self._square[k, first + 1] = self._cost[first + 2] = 1.0
-                least = programme.low[k] / self._widest[k]
-                ends_of_cost = [float(costs(end)[k]) / self._scale for end in (programme.high, programme.low)]
-                self._lower[columns] = least, least**2, ends_of_cost[0]
+        for k, (grades, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if grades is None:
+                start = columns.start
+                self._t[k, start] = self._square[k, start + 1] = self._cost[start + 2] = 1.0
+                narrowest = programme.low[k] / self._widest[k]
+                ends_of_cost = [float(costs(widths)[k]) / self._scale for widths in (programme.high, programme.low)]
+                self._lower[columns] = narrowest, narrowest**2, ends_of_cost[0]
                 self._upper[columns] = 1.0, 1.0, ends_of_cost[1]
             else:
-                grades = np.tile(programme.low[:, None], len(own))
-                grades[k] = own
-                self._t[k, columns] = own / self._widest[k]
-                self._square[k, columns] = (own / self._widest[k]) ** 2
-                self._cost[columns] = costs(grades)[k] / self._scale
+                bases = np.tile(programme.low[:, None], len(grades))
+                bases[k] = grades
+                self._t[k, columns] = grades / self._widest[k]
+                self._square[k, columns] = (grades / self._widest[k]) ** 2
+                self._cost[columns] = costs(bases)[k] / self._scale
                 self._integral[columns] = 1.0
-        for one in programme.limits:
-            if one.kind == "rms" and not len(one.pairs):
-                still = (one.mean**2).sum(axis=0) + np.einsum("iip->p", one.fixed)
-                for place, parts in enumerate(np.einsum("niip->pn", one.parts)):
-                    self._add((parts * self._widest**2 / one.limit**2) @ self._square, 1 - still[place] / one.limit**2)
-            elif one.kind == "worst_case":
-                still = (np.abs(one.mean) + one.fixed[:, 0]).reshape(-1)
-                for place, parts in enumerate(one.parts[:, :, 0].reshape(size, -1).T):
-                    self._add((parts * self._widest / one.limit) @ self._t, 1 - still[place] / one.limit)
+        for lim in programme.limits:
+            if lim.kind == "rms" and not len(lim.pairs):
+                base = (lim.mean**2).sum(axis=0) + np.einsum("iip->p", lim.fixed)
+                for place, parts in enumerate(np.einsum("niip->pn", lim.parts)):
+                    self._add((parts * self._widest**2 / lim.limit**2) @ self._square, 1 - base[place] / lim.limit**2)
+            elif lim.kind == "worst_case":
+                base = (np.abs(lim.mean) + lim.fixed[:, 0]).reshape(-1)
+                for place, parts in enumerate(lim.parts[:, :, 0].reshape(size, -1).T):
+                    self._add((parts * self._widest / lim.limit) @ self._t, 1 - base[place] / lim.limit)
         # initial tangents of each tolerance without grades
-        for share in np.linspace(0, 1, 12):
-            self.add_tangents(np.exp((1 - share) * np.log(programme.low) + share * np.log(programme.high)))
+        for fraction in np.linspace(0, 1, 12):
+            self.add_tangents(np.exp((1 - fraction) * np.log(programme.low) + fraction * np.log(programme.high)))
 
     def solve(self, seconds: float) -> tuple[Array | None, float]:
         """Return the tolerances of the least cost, if any were found in time, and a lower bound of it."""
-        chosen = [columns for own, columns in zip(self._choices, self._columns, strict=True) if own is not None]
-        one_each = np.zeros((len(chosen), len(self._cost)))
-        for row, columns in zip(one_each, chosen, strict=True):
+        graded = [columns for grades, columns in zip(self._choices, self._columns, strict=True) if grades is not None]
+        one_each = np.zeros((len(graded), len(self._cost)))
+        for row, columns in zip(one_each, graded, strict=True):
             row[columns] = 1.0
         constraints = [optimize.LinearConstraint(one_each, 1.0, 1.0)]
         if self._rows:
-            constraints.append(optimize.LinearConstraint(np.array(self._rows), -np.inf, np.array(self._most)))
+            constraints.append(optimize.LinearConstraint(np.array(self._rows), -np.inf, np.array(self._bounds)))
         with without_solver_lines():
-            found: Any = optimize.milp(
+            optimum: Any = optimize.milp(
                 self._cost,
                 integrality=self._integral,
                 bounds=optimize.Bounds(self._lower, self._upper),
                 constraints=constraints,
                 options={"time_limit": seconds, "mip_rel_gap": _GAP / 10},
             )
-        bound = getattr(found, "mip_dual_bound", None)
+        bound = getattr(optimum, "mip_dual_bound", None)
         cost = -np.inf if bound is None or not np.isfinite(bound) else float(bound) * self._scale
-        if found.x is None:
+        if optimum.x is None:
             return None, cost
-        t = self._widest * np.sqrt(np.maximum(self._square @ found.x, 0.0))
-        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
-            if own is not None:
-                t[k] = own[int(found.x[columns].argmax())]
+        t = self._widest * np.sqrt(np.maximum(self._square @ optimum.x, 0.0))
+        for k, (grades, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if grades is not None:
+                t[k] = grades[int(optimum.x[columns].argmax())]
         return np.clip(t, self._programme.low, self._programme.high), cost
 
-    def refuse(self, t: Array) -> None:
-        """Demand somewhere a narrower grade than that of ``t``, if errors grow with every tolerance; else another."""
+    def exclude(self, t: Array) -> None:
+        """Exclude ``t``: require a narrower grade somewhere if errors grow with every tolerance, else another one."""
         row = np.zeros(len(self._cost))
-        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
-            if own is not None:
-                beyond = own > t[k] * (1 + ROUNDING) if not self._programme.is_monotone else False
-                row[columns] = np.where((own < t[k] * (1 - ROUNDING)) | beyond, -1.0, 0.0)
+        for k, (grades, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if grades is not None:
+                is_wider = grades > t[k] * (1 + ROUNDING) if not self._programme.is_monotone else False
+                row[columns] = np.where((grades < t[k] * (1 - ROUNDING)) | is_wider, -1.0, 0.0)
         self._add(row, -1.0)
 
     def add_tangents(self, t: Array) -> None:
         """Bound t² and the cost of tolerances without grades by tangents at ``t``."""
         costs = self._programme.cost_of(t) / self._scale
         slopes = self._programme.slope_of(t) * self._widest / self._scale
-        for k, (own, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
-            if own is not None:
+        for k, (grades, columns) in enumerate(zip(self._choices, self._columns, strict=True)):
+            if grades is not None:
                 continue
             width, square, cost = range(columns.start, columns.stop)
             at = t[k] / self._widest[k]
-            for changes, most in (
+            for changes, bound in (
                 ({width: 2 * at, square: -1.0}, at**2),
                 ({width: slopes[k], cost: -1.0}, slopes[k] * at - costs[k]),
                 ({square: slopes[k] / (2 * at), cost: -1.0}, slopes[k] * at / 2 - costs[k]),
@@ -524,43 +525,43 @@ class _Relaxation:
                 row = np.zeros(len(self._cost))
                 row[list(changes)] = list(changes.values())
                 self._rows.append(row)
-                self._most.append(most)
+                self._bounds.append(bound)
 
     def touch(self, t: Array) -> None:
         """Add all tangents at tolerances ``t``, including those of active quantiles."""
         self.add_tangents(t)
-        for one in self._curved:
-            excess, slopes = one.excess(t), one.log_slopes(t)
-            for place in np.flatnonzero(excess > -_NEAR):
-                self._add_slope(one, slopes[:, place], t, -float(excess[place]))
+        for limit in self._nonlinear:
+            excess, slopes = limit.excess(t), limit.log_slopes(t)
+            for place in np.flatnonzero(excess > -_ACTIVE):
+                self._add_slope(limit, slopes[:, place], t, -float(excess[place]))
 
     def cut(self, t: Array) -> None:
         """Add the tangents of the quantiles that ``t`` exceeds, each where the line to ``t`` in t² leaves the limit."""
         low = self._programme.least
         steps = t**2 - low**2
 
-        def kept(only: Limit, shares: Array) -> NDArray[np.bool_]:
-            return only.measure(np.sqrt((low**2)[:, None] + shares * steps[:, None]))[:, 0] <= only.limit
+        def kept(single: Limit, shares: Array) -> NDArray[np.bool_]:
+            return single.measure(np.sqrt((low**2)[:, None] + shares * steps[:, None]))[:, 0] <= single.limit
 
-        for one in self._curved:
-            for place in np.flatnonzero((one.excess(t) > 0) & (one.excess(low) <= 0)):
-                only = one.at_place(int(place))
-                _, most = last_kept(partial(kept, only))
-                between = np.sqrt(low**2 + most * steps)
-                self._add_slope(one, only.log_slopes(between)[:, 0], between, 0.0)
+        for limit in self._nonlinear:
+            for place in np.flatnonzero((limit.excess(t) > 0) & (limit.excess(low) <= 0)):
+                single = limit.at_place(int(place))
+                _, fraction = last_kept(partial(kept, single))
+                between = np.sqrt(low**2 + fraction * steps)
+                self._add_slope(limit, single.log_slopes(between)[:, 0], between, 0.0)
 
-    def _add_slope(self, one: Limit, slopes: Array, t: Array, left: float) -> None:
+    def _add_slope(self, limit: Limit, slopes: Array, t: Array, reserve: float) -> None:
         """Add the tangent of ln of a measure in t² (t if correlated), by its slopes in ln t and reserve ``left``."""
-        if len(one.pairs):
-            self._add((slopes / t * self._widest) @ self._t, float(slopes.sum()) + left)
+        if len(limit.pairs):
+            self._add((slopes / t * self._widest) @ self._t, float(slopes.sum()) + reserve)
         else:
-            self._add((slopes / (2 * t**2) * self._widest**2) @ self._square, float(slopes.sum()) / 2 + left)
+            self._add((slopes / (2 * t**2) * self._widest**2) @ self._square, float(slopes.sum()) / 2 + reserve)
 
-    def _add(self, row: Array, most: float) -> None:
+    def _add(self, row: Array, bound: float) -> None:
         size = float(np.abs(row).max(initial=0.0))
         if size > 0:
             self._rows.append(row / size)
-            self._most.append(most / size)
+            self._bounds.append(bound / size)
 
 
 def _worthwhile(programme: Programme, k: int, grades: Array) -> Array:
@@ -573,6 +574,7 @@ def _worthwhile(programme: Programme, k: int, grades: Array) -> Array:
 
 # beginning of a debug line that HiGHS 1.12 (SciPy 1.17) prints
 _LINE: Final = b"HighsMipSolverData::transformNewIntegerFeasibleSolution"
+# descriptor of standard output, which the solver writes to past Python
 _STDOUT: Final = 1
 
 
@@ -581,22 +583,22 @@ def without_solver_lines() -> Iterator[None]:
     """Buffer standard output during the block, and write it afterwards without the solver's line."""
     _flush()
     try:
-        kept = os.dup(_STDOUT)
+        descriptor = os.dup(_STDOUT)
     except OSError:  # standard output is closed
         yield
         return
-    with tempfile.TemporaryFile() as held:
-        os.dup2(held.fileno(), _STDOUT)
+    with tempfile.TemporaryFile() as buffer:
+        os.dup2(buffer.fileno(), _STDOUT)
         try:
             yield
         finally:
             _flush()
-            os.dup2(kept, _STDOUT)
-            os.close(kept)
-            held.seek(0)
-            others = b"".join(line for line in held if not line.startswith(_LINE))
+            os.dup2(descriptor, _STDOUT)
+            os.close(descriptor)
+            buffer.seek(0)
+            output = b"".join(line for line in buffer if not line.startswith(_LINE))
             with suppress(OSError):
-                os.write(_STDOUT, others)
+                os.write(_STDOUT, output)
 
 
 def _flush() -> None:
@@ -606,8 +608,10 @@ def _flush() -> None:
 
 
 MOST_POINTS: Final = 1000
+"""Maximum number of points of a front."""
 # largest factor of the limits, and its inverse
-_REACH: Final = 3.0
+_MAX_FACTOR: Final = 3.0
+# factor by which the narrowest limits of the front exceed the smallest possible ones
 _EDGE: Final = 1.001
 
 
@@ -637,20 +641,20 @@ def pareto_front(
         seconds: Time for all points together, where there are grades.
         advance: Called with 1 after each point.
     """
-    least = float(programme.shares(programme.low[:, None]).max()) * _EDGE
-    most = float(programme.shares(programme.high[:, None]).max())
-    first = max(least, 1 / _REACH)
-    end = monotonic() + seconds
-    points, near = [], None
-    factors = np.geomspace(first, max(min(most, _REACH), first * _EDGE), count)
+    narrowest = float(programme.shares(programme.low[:, None]).max()) * _EDGE
+    widest = float(programme.shares(programme.high[:, None]).max())
+    start = max(narrowest, 1 / _MAX_FACTOR)
+    deadline = monotonic() + seconds
+    points, previous = [], None
+    factors = np.geomspace(start, max(min(widest, _MAX_FACTOR), start * _EDGE), count)
     if factors[0] < 1 < factors[-1]:
         factors[1 + np.abs(np.log(factors[1:-1])).argmin() if count > 2 else 0] = 1.0
     for k, factor in enumerate(factors):
-        limits = [replace(one, limit=one.limit * factor) for one in programme.limits]
-        share = (end - monotonic()) / (count - k)
-        found = solve(replace(programme, limits=limits), choices, share, advance, near)
+        limits = [replace(limit, limit=limit.limit * factor) for limit in programme.limits]
+        budget = (deadline - monotonic()) / (count - k)
+        solution = solve(replace(programme, limits=limits), choices, budget, advance, previous)
         advance(1)
-        if found is not None:
-            near = found.t
-            points.append(FrontPoint(float(factor), found.cost, found.lower_bound, found.t[members]))
+        if solution is not None:
+            previous = solution.t
+            points.append(FrontPoint(float(factor), solution.cost, solution.lower_bound, solution.t[members]))
     return tuple(points)

@@ -31,6 +31,7 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "logarithmic": ("", "{}"),
 }
 _LISTS: Final = ("grades", "iso286")
+# largest exponent k of a power cost
 _MOST_POWER: Final = 100.0
 # larger numbers, in SI, overflow in slopes and ratios of costs
 _LARGEST: Final = 1e50
@@ -51,21 +52,21 @@ class Cost:
 
     def at(self, t: Array) -> Array:
         """Return the cost of tolerances."""
-        first = self.numbers[0]
+        scale = self.numbers[0]
         if self.kind == "exponential":
-            return first * np.exp(-self.numbers[1] * t)
+            return scale * np.exp(-self.numbers[1] * t)
         if self.kind == "logarithmic":
-            return first * np.log(self.numbers[1] / t)
-        return first * t**-self._power
+            return scale * np.log(self.numbers[1] / t)
+        return scale * t**-self._power
 
     def slope(self, t: Array) -> Array:
         """Return the derivative with respect to the tolerance, which is negative."""
-        first = self.numbers[0]
+        scale = self.numbers[0]
         if self.kind == "exponential":
-            return -first * self.numbers[1] * np.exp(-self.numbers[1] * t)
+            return -scale * self.numbers[1] * np.exp(-self.numbers[1] * t)
         if self.kind == "logarithmic":
-            return -first / t
-        return -first * self._power * t ** (-self._power - 1)
+            return -scale / t
+        return -scale * self._power * t ** (-self._power - 1)
 
     @property
     def _power(self) -> float:
@@ -139,7 +140,7 @@ class Tolerance:
 
 
 @contextmanager
-def said_of(where: str, kind: type[InputError] = InputError) -> Iterator[None]:
+def prefix_errors(where: str, kind: type[InputError] = InputError) -> Iterator[None]:
     """Prefix the message of an error with its place."""
     try:
         yield
@@ -147,7 +148,7 @@ def said_of(where: str, kind: type[InputError] = InputError) -> Iterator[None]:
         raise kind(f"{where}: {error.findings[0].message}") from None
 
 
-def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> Cost | Grades:
+def read_cost(cost: object, where: str, quantity: units.Quantity, key: str) -> Cost | Grades:
     """Return the cost that a mapping of one kind to its numbers, or its grades, states.
 
     Args:
@@ -158,40 +159,40 @@ def read_cost(given: object, where: str, quantity: units.Quantity, key: str) -> 
     Raises:
         InputError: Another kind, numbers that are not positive, a wrong unit, or no grades.
     """
-    if not isinstance(given, Mapping) or len(given) != 1 or next(iter(given)) not in (*_UNITS, *_LISTS):
+    if not isinstance(cost, Mapping) or len(cost) != 1 or next(iter(cost)) not in (*_UNITS, *_LISTS):
         raise InputError(
-            f"{where}: a cost is one of {', '.join((*_UNITS, *_LISTS))} with its numbers, got {shown(given)}"
+            f"{where}: a cost is one of {', '.join((*_UNITS, *_LISTS))} with its numbers, got {shown(cost)}"
         )
-    kind, numbers = next(iter(given.items()))
+    kind, numbers = next(iter(cost.items()))
     if kind in _LISTS:
         return _read_grades(kind, numbers, where, quantity, key)
-    listed = list(numbers) if isinstance(numbers, list | tuple) else [numbers]
-    if len(listed) != len(_UNITS[kind]):
+    terms = list(numbers) if isinstance(numbers, list | tuple) else [numbers]
+    if len(terms) != len(_UNITS[kind]):
         raise InputError(f"{where}: the cost {kind} has {len(_UNITS[kind])} numbers, got {shown(numbers)}")
     values = [
-        _number(one, "", where, quantity) if not unit else 0.0 for one, unit in zip(listed, _UNITS[kind], strict=True)
+        _number(term, "", where, quantity) if not unit else 0.0 for term, unit in zip(terms, _UNITS[kind], strict=True)
     ]
     power = f"{values[-1]:g}"
     if kind == "power" and values[-1] > _MOST_POWER:
-        raise InputError(f"{where}: the power of a cost is at most {_MOST_POWER:g}, got {shown(listed[1])}")
-    read = [
-        _number(one, unit.replace("k", power), where, quantity) if unit else value
-        for one, unit, value in zip(listed, _UNITS[kind], values, strict=True)
+        raise InputError(f"{where}: the power of a cost is at most {_MOST_POWER:g}, got {shown(terms[1])}")
+    si_values = [
+        _number(term, unit.replace("k", power), where, quantity) if unit else value
+        for term, unit, value in zip(terms, _UNITS[kind], values, strict=True)
     ]
-    return Cost(kind, tuple(read))
+    return Cost(kind, tuple(si_values))
 
 
-def _number(given: object, form: str, where: str, quantity: units.Quantity) -> float:
+def _number(text: object, form: str, where: str, quantity: units.Quantity) -> float:
     """Return a positive number in SI; ``form`` is its unit in terms of the tolerance's. Without a unit it is in SI."""
-    with said_of(where):
-        numbers, unit = units.split(str(given))
-    factors = {form.format(one): _factor(form, factor) for one, factor in quantity.units.items()} if form else {}
+    with prefix_errors(where):
+        numbers, unit = units.split(str(text))
+    factors = {form.format(name): _factor(form, factor) for name, factor in quantity.units.items()} if form else {}
     if unit and unit not in factors:
-        allowed = f"a unit such as {form.format('mm' if quantity is units.LENGTH else 'mrad')}" if form else "no unit"
-        raise InputError(f"{where}: this number of a cost has {allowed}, got {shown(given)}")
+        expected = f"a unit such as {form.format('mm' if quantity is units.LENGTH else 'mrad')}" if form else "no unit"
+        raise InputError(f"{where}: this number of a cost has {expected}, got {shown(text)}")
     value = numbers[0] * (factors[unit] if unit else 1.0)
     if len(numbers) != 1 or not 1 / _LARGEST <= value <= _LARGEST:
-        raise InputError(f"{where}: a number of a cost must be positive, up to {_LARGEST:g} in SI, got {shown(given)}")
+        raise InputError(f"{where}: a number of a cost must be positive, up to {_LARGEST:g} in SI, got {shown(text)}")
     return float(value)
 
 
@@ -201,53 +202,51 @@ def _factor(form: str, factor: float) -> float:
     return float(factor ** float(form.partition("^")[2] or 1))
 
 
-def _read_grades(kind: str, given: object, where: str, quantity: units.Quantity, key: str) -> Grades:
+def _read_grades(kind: str, spec: object, where: str, quantity: units.Quantity, key: str) -> Grades:
     """Return the grades of a list ``[[tolerance, price], …]``, or of ISO 286: a half-width is half of a grade's width."""
     if kind == "grades":
-        if not isinstance(given, list | tuple) or not all(
-            isinstance(one, list | tuple) and len(one) == 2 for one in given
+        if not isinstance(spec, list | tuple) or not all(
+            isinstance(entry, list | tuple) and len(entry) == 2 for entry in spec
         ):
-            raise InputError(f"{where}: grades are a list of [tolerance, price], got {shown(given)}")
-        entries = [("", _width(width, where, quantity), _price(price, where)) for width, price in given]
+            raise InputError(f"{where}: grades are a list of [tolerance, price], got {shown(spec)}")
+        entries = [("", _width(width, where, quantity), _price(price, where)) for width, price in spec]
     elif key == "std":
-        raise InputError(
-            f"{where}: a grade of ISO 286 limits a width, and this is a standard deviation; list its grades"
-        )
+        raise InputError(f"{where}: grades of ISO 286 limit widths, but this is a standard deviation; list its grades")
     elif quantity is not units.LENGTH:
-        raise InputError(f"{where}: the grades of ISO 286 are lengths, and this tolerance is an angle")
-    elif not isinstance(given, Mapping) or set(given) != {"size", "prices"} or not isinstance(given["prices"], Mapping):
-        raise InputError(f"{where}: iso286 has a size and prices by grade, got {shown(given)}")
+        raise InputError(f"{where}: grades of ISO 286 are lengths, but this tolerance is an angle")
+    elif not isinstance(spec, Mapping) or set(spec) != {"size", "prices"} or not isinstance(spec["prices"], Mapping):
+        raise InputError(f"{where}: iso286 has a size and prices by grade, got {shown(spec)}")
     else:
-        size, share = _width(given["size"], where, quantity), 1.0 if key == "diameter" else 0.5
-        with said_of(where):
+        size, factor = _width(spec["size"], where, quantity), 1.0 if key == "diameter" else 0.5
+        with prefix_errors(where):
             entries = [
-                (str(name), grade_width(str(name), size) * share, _price(price, where))
-                for name, price in given["prices"].items()
+                (str(name), grade_width(str(name), size) * factor, _price(price, where))
+                for name, price in spec["prices"].items()
             ]
     if not entries:
         raise InputError(f"{where}: there are no grades to choose from")
-    names, listed, prices = zip(*sorted(entries, key=lambda one: one[1]), strict=True)
-    widths = np.array(listed)
+    names, sizes, prices = zip(*sorted(entries, key=lambda entry: entry[1]), strict=True)
+    widths = np.array(sizes)
     if (np.diff(widths) <= 1e-9 * widths[1:]).any():
         raise InputError(f"{where}: two grades have the same tolerance")
     return Grades(names, widths, np.array(prices))
 
 
-def _width(given: object, where: str, quantity: units.Quantity) -> float:
-    with said_of(where):
-        value = units.parse(str(given), quantity)
+def _width(text: object, where: str, quantity: units.Quantity) -> float:
+    with prefix_errors(where):
+        value = units.parse(str(text), quantity)
     if not value > 0:
-        raise InputError(f"{where}: a tolerance and a size must be positive, got {shown(given)}")
+        raise InputError(f"{where}: a tolerance and a size must be positive, got {shown(text)}")
     return value
 
 
-def _price(given: object, where: str) -> float:
+def _price(text: object, where: str) -> float:
     try:
-        value = float(str(given))
+        value = float(str(text))
     except ValueError:
         value = np.nan
     if not 0 <= value <= _LARGEST:
-        raise InputError(f"{where}: a price is a number from 0 to {_LARGEST:g}, got {shown(given)}")
+        raise InputError(f"{where}: a price is a number from 0 to {_LARGEST:g}, got {shown(text)}")
     return value
 
 
@@ -291,16 +290,16 @@ def grade_width(grade: str, size: float) -> float:
 
 
 # factors on the tolerances to find their contributions, and to check them
-_WIDE: Final = 2.0
-_NARROW: Final = 0.5
+_DOUBLE: Final = 2.0
+_HALF: Final = 0.5
 # relative error of a contribution, by the largest, above which it does not scale with its tolerance
-_LEAST: Final = 1e-6
+_RELATIVE: Final = 1e-6
 # slope, relative to the largest, that counts as rounding
 _ROUNDING: Final = 1e-12
 # standard deviations at which the worst case of a normal law ends
 _WIDTH: Final = 3.0
 # samples to check whether a law keeps its shape
-_FEW: Final = 64
+_SHAPES: Final = 64
 
 
 class NoScaleError(InputError):
@@ -313,7 +312,7 @@ class NoScaleError(InputError):
 
 @dataclass(frozen=True, eq=False)
 class Contributions(Fixed):
-    """First-order error at P poses: ``mean + rest z + Σ t_i moved_i z``, z the components in standard deviations.
+    """First-order error at P poses: ``mean + unchosen z + Σ t_i effect_i z``, z the components in standard deviations.
 
     Attributes:
         mean: Error at the means ``(6, P)``.
@@ -322,7 +321,7 @@ class Contributions(Fixed):
         pairs, by_pair: Numbers of two tolerances with correlated draws, n for the unchosen rest, ``(m, 2)``; the
             contribution of their product to the covariance, ``(m, 6, 6, P)``.
         reach, reach_by_tolerance: Largest deviations of the components, ``(6, P)`` and ``(n, 6, P)``.
-        moved, rest: Slopes of the error by the components that each tolerance moves, columns ``(c,)`` and ``(6, c,
+        effects, unchosen: Slopes of the error by the components that each tolerance moves, columns ``(c,)`` and ``(6, c,
             P)``; and those of the unchosen rest.
     """
 
@@ -333,8 +332,8 @@ class Contributions(Fixed):
     by_pair: Array
     reach: Array
     reach_by_tolerance: Array
-    moved: tuple[Moved, ...]
-    rest: Moved
+    effects: tuple[ToleranceEffect, ...]
+    unchosen: ToleranceEffect
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,70 +364,70 @@ def contributions(
     Raises:
         InputError: A tolerance whose part is not proportional, or that changes the mean or other tolerances' parts.
     """
-    whole = _errors(model, poses, worst_case)
-    scale = max(float(np.abs(whole.slopes).max(initial=0.0)), 1e-300)
-    size = max(float(np.abs(whole.mean).max(initial=0.0)), scale)
+    base = _errors(model, poses, worst_case)
+    scale = max(float(np.abs(base.slopes).max(initial=0.0)), 1e-300)
+    size = max(float(np.abs(base.mean).max(initial=0.0)), scale)
     parts, reaches = [], []
-    for one in tolerances:
-        wide = _at_factor(model, [one], _WIDE, poses, worst_case)
-        if wide.slopes.shape != whole.slopes.shape:
-            raise NoScaleError(one.path, f"{one.path} changes which numbers are drawn; only a tolerance can be chosen")
-        if np.abs(wide.mean - whole.mean).max() > _LEAST * size:
-            raise NoScaleError(one.path, f"{one.path} changes the mean of the error and cannot be chosen")
-        part = _without_rounding((wide.slopes - whole.slopes) / (_WIDE - 1), scale)
-        if not part.any() and np.array_equal(wide.deviations, whole.deviations):
-            raise NoScaleError(one.path, f"{one.path} changes neither a law nor the error and cannot be chosen")
+    for tol in tolerances:
+        wide = _scaled_errors(model, [tol], _DOUBLE, poses, worst_case)
+        if wide.slopes.shape != base.slopes.shape:
+            raise NoScaleError(tol.path, f"{tol.path} changes which numbers are drawn; only a tolerance can be chosen")
+        if np.abs(wide.mean - base.mean).max() > _RELATIVE * size:
+            raise NoScaleError(tol.path, f"{tol.path} changes the mean of the error and cannot be chosen")
+        part = _without_rounding((wide.slopes - base.slopes) / (_DOUBLE - 1), scale)
+        if not part.any() and np.array_equal(wide.deviations, base.deviations):
+            raise NoScaleError(tol.path, f"{tol.path} changes neither a law nor the error and cannot be chosen")
         parts.append(part)
-        reaches.append((wide.reach - whole.reach) / (_WIDE - 1))
+        reaches.append((wide.reach - base.reach) / (_DOUBLE - 1))
         advance(1)
-    largest = max(float(whole.reach.max(initial=0.0)), 1e-300)
+    largest = max(float(base.reach.max(initial=0.0)), 1e-300)
     # halving all at once shows whether any part is not proportional, halving one shows which
-    together = _at_factor(model, tolerances, _NARROW, poses, worst_case)
-    if not _follows(together, whole, np.sum(parts, axis=0), scale):
-        for one, part in zip(tolerances, parts, strict=True):
-            own = max(float(np.abs(part).max(initial=0.0)), 1e-300)
-            if not _follows(_at_factor(model, [one], _NARROW, poses, worst_case), whole, part, own):
-                reason = f"the error does not scale with {one.path}; its law has other numbers, or it is no tolerance"
-                raise NoScaleError(one.path, reason)
+    halved = _scaled_errors(model, tolerances, _HALF, poses, worst_case)
+    if not _is_proportional(halved, base, np.sum(parts, axis=0), scale):
+        for tol, part in zip(tolerances, parts, strict=True):
+            extent = max(float(np.abs(part).max(initial=0.0)), 1e-300)
+            if not _is_proportional(_scaled_errors(model, [tol], _HALF, poses, worst_case), base, part, extent):
+                reason = f"the error does not scale with {tol.path}; its law has other numbers, or it is no tolerance"
+                raise NoScaleError(tol.path, reason)
         raise InputError("allocate: tolerances change one random number together; choose one of them")
-    rest = _without_rounding(whole.slopes - sum(parts), scale)
-    before = np.array([one.before for one in tolerances])
-    moved = tuple(Moved.of(part / one) for part, one in zip(parts, before.tolist(), strict=True))
-    pairs, by_pair = _products([*moved, Moved.of(rest)], whole.correlation)
-    if _differ(together.reach, whole.reach + (_NARROW - 1) * sum(reaches), _LEAST * largest):
-        for one, reached in zip(tolerances, reaches, strict=True):
-            alone = _at_factor(model, [one], _NARROW, poses, worst_case).reach
-            if _differ(alone, whole.reach + (_NARROW - 1) * reached, _LEAST * largest) and not len(pairs):
-                raise InputError(f"allocate: the largest deviation does not scale with {one.path}")
-        paths = [*(one.path for one in tolerances), "what is not chosen"]
+    unchosen = _without_rounding(base.slopes - sum(parts), scale)
+    values = np.array([tol.before for tol in tolerances])
+    effects = tuple(ToleranceEffect.of(part / value) for part, value in zip(parts, values.tolist(), strict=True))
+    pairs, by_pair = _products([*effects, ToleranceEffect.of(unchosen)], base.correlation)
+    if _differs(halved.reach, base.reach + (_HALF - 1) * sum(reaches), _RELATIVE * largest):
+        for tol, reached in zip(tolerances, reaches, strict=True):
+            single = _scaled_errors(model, [tol], _HALF, poses, worst_case).reach
+            if _differs(single, base.reach + (_HALF - 1) * reached, _RELATIVE * largest) and not len(pairs):
+                raise InputError(f"allocate: the largest deviation does not scale with {tol.path}")
+        paths = [*(tol.path for tol in tolerances), "what is not chosen"]
         named = [paths[k] for k in pairs[:1].ravel().tolist()]
         raise InputError(
             f"allocate: worst_case: {' and '.join(named)} are correlated, so that their largest deviations do not add; "
-            "limit rms or a quantile instead, or take the correlation out of the sheet"
+            "limit rms or a quantile instead, or remove the correlation from the sheet"
         )
-    spreads = (one.spread(whole.deviations.size) for one in moved)
+    spreads = (effect.spread(base.deviations.size) for effect in effects)
     return Contributions(
-        mean=whole.mean,
-        covariance=_covariance(rest, rest, whole.correlation),
-        by_tolerance=np.stack([_covariance(one, one, whole.correlation) for one in spreads]),
+        mean=base.mean,
+        covariance=_covariance(unchosen, unchosen, base.correlation),
+        by_tolerance=np.stack([_covariance(slopes, slopes, base.correlation) for slopes in spreads]),
         pairs=pairs,
         by_pair=by_pair,
-        reach=np.maximum(whole.reach - sum(reaches), 0.0),
-        reach_by_tolerance=np.stack(reaches) / before[:, None, None],
-        moved=moved,
-        rest=Moved.of(rest),
+        reach=np.maximum(base.reach - sum(reaches), 0.0),
+        reach_by_tolerance=np.stack(reaches) / values[:, None, None],
+        effects=effects,
+        unchosen=ToleranceEffect.of(unchosen),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Moved(Fixed):
+class ToleranceEffect(Fixed):
     """Columns ``(c,)`` of components, and the slopes of the error by them in standard deviations, ``(6, c, P)``."""
 
     columns: NDArray[np.intp]
     slopes: Array
 
     @classmethod
-    def of(cls, slopes: Array) -> Moved:
+    def of(cls, slopes: Array) -> ToleranceEffect:
         """Return the nonzero columns of slopes ``(6, d, P)``."""
         largest = np.abs(slopes).max(axis=(0, 2), initial=0.0)
         columns = np.flatnonzero(largest)
@@ -445,48 +444,48 @@ class Moved(Fixed):
         return slopes
 
 
-def _products(moved: Sequence[Moved], correlation: BlockCovariance) -> tuple[NDArray[np.intp], Array]:
+def _products(effects: Sequence[ToleranceEffect], correlation: BlockCovariance) -> tuple[NDArray[np.intp], Array]:
     """Return the pairs whose draws are correlated, and the contributions of their products to the covariance."""
     blocks = [
         set(columns.tolist())
         for columns, matrix in correlation.blocks
-        if _differ(matrix, np.diag(np.diag(matrix)), 1e-12)
+        if _differs(matrix, np.diag(np.diag(matrix)), 1e-12)
     ]
-    own = [set(one.columns.tolist()) for one in moved]
+    columns_of = [set(first.columns.tolist()) for first in effects]
     pairs, parts = [], []
-    for i, j in itertools.combinations(range(len(moved)), 2):
-        if own[i] & own[j] or any(block & own[i] and block & own[j] for block in blocks):
-            one, other = (moved[k].spread(correlation.variances.size) for k in (i, j))
-            crossed = _covariance(one, other, correlation)
+    for i, j in itertools.combinations(range(len(effects)), 2):
+        if columns_of[i] & columns_of[j] or any(block & columns_of[i] and block & columns_of[j] for block in blocks):
+            first, second = (effects[k].spread(correlation.variances.size) for k in (i, j))
+            crossed = _covariance(first, second, correlation)
             part = crossed + crossed.transpose(1, 0, 2)
             if part.any():
                 pairs.append((i, j))
                 parts.append(part)
-    shape = (0, 6, 6, moved[0].slopes.shape[2])
+    shape = (0, 6, 6, effects[0].slopes.shape[2])
     return np.array(pairs, dtype=np.intp).reshape(-1, 2), np.stack(parts) if parts else np.zeros(shape)
 
 
-def _covariance(one: Array, other: Array, correlation: BlockCovariance) -> Array:
+def _covariance(first: Array, second: Array, correlation: BlockCovariance) -> Array:
     return np.stack(
-        [correlation.between(a, b) for a, b in zip(np.moveaxis(one, -1, 0), np.moveaxis(other, -1, 0), strict=True)],
+        [correlation.between(a, b) for a, b in zip(np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0), strict=True)],
         axis=-1,
     )
 
 
-def _follows(narrow: _Errors, whole: _Errors, part: Array, scale: float) -> bool:
+def _is_proportional(narrow: _Errors, base: _Errors, part: Array, scale: float) -> bool:
     """Return whether the error changes in proportion to its part, and no other law changes."""
     return (
-        not _differ(narrow.slopes, whole.slopes + (_NARROW - 1) * part, _LEAST * scale)
-        and not _differ(narrow.numbers, whole.numbers, 1e-6 * float(np.abs(whole.numbers).max(initial=1.0)))
-        and not _differ(narrow.mean, whole.mean, _LEAST * max(float(np.abs(whole.mean).max()), scale))
+        not _differs(narrow.slopes, base.slopes + (_HALF - 1) * part, _RELATIVE * scale)
+        and not _differs(narrow.numbers, base.numbers, 1e-6 * float(np.abs(base.numbers).max(initial=1.0)))
+        and not _differs(narrow.mean, base.mean, _RELATIVE * max(float(np.abs(base.mean).max()), scale))
     )
 
 
-def _at_factor(
+def _scaled_errors(
     model: ErrorModel, tolerances: Sequence[Tolerance], factor: float, poses: Sequence[str], worst_case: bool
 ) -> _Errors:
     return _errors(
-        changed_model(model, tolerances, np.array([factor * one.before for one in tolerances])), poses, worst_case
+        changed_model(model, tolerances, np.array([factor * tol.before for tol in tolerances])), poses, worst_case
     )
 
 
@@ -494,20 +493,20 @@ def _without_rounding(slopes: Array, scale: float) -> Array:
     return np.where(np.abs(slopes) > _ROUNDING * scale, slopes, 0.0)
 
 
-def _differ(one: Array, other: Array, most: float) -> bool:
-    return bool(np.abs(one - other).max(initial=0.0) > most)
+def _differs(first: Array, second: Array, tolerance: float) -> bool:
+    return bool(np.abs(first - second).max(initial=0.0) > tolerance)
 
 
 def changed_model(model: ErrorModel, tolerances: Sequence[Tolerance], values: Array) -> ErrorModel:
     """Return the model with other tolerances."""
-    return model.with_({one.path: one.written(value) for one, value in zip(tolerances, values.tolist(), strict=True)})
+    return model.with_({tol.path: tol.written(width) for tol, width in zip(tolerances, values.tolist(), strict=True)})
 
 
 def in_deviations(space: Space, seed: int, count: int, pose: int = 0) -> Array:
     """Return samples of the components in standard deviations from their means, ``(d, count)``."""
     deviations = np.sqrt(space.block_covariance.variances)
-    moved = space.sample(seed, 0, count, pose=pose) - space.mean[:, None]
-    return np.asarray(moved / np.where(deviations > 0, deviations, 1.0)[:, None])
+    offsets = space.sample(seed, 0, count, pose=pose) - space.mean[:, None]
+    return np.asarray(offsets / np.where(deviations > 0, deviations, 1.0)[:, None])
 
 
 def _errors(model: ErrorModel, poses: Sequence[str], worst_case: bool) -> _Errors:
@@ -526,8 +525,8 @@ def _errors(model: ErrorModel, poses: Sequence[str], worst_case: bool) -> _Error
     if worst_case:
         supports = Supports.of(model.space, _WIDTH)
         slopes = np.moveaxis(jacobian, -1, 0)
-        up, down = (np.stack([supports.heights(way * one).sum(axis=0) for one in slopes], axis=-1) for way in (1, -1))
-        reach = np.maximum(up, down)
+        top, bottom = (np.stack([supports.heights(sign * p).sum(axis=0) for p in slopes], axis=-1) for sign in (1, -1))
+        reach = np.maximum(top, bottom)
     return _Errors(
-        mean, jacobian * deviations[:, None], reach, deviations, correlation, in_deviations(model.space, 0, _FEW)
+        mean, jacobian * deviations[:, None], reach, deviations, correlation, in_deviations(model.space, 0, _SHAPES)
     )

@@ -1,4 +1,4 @@
-"""Calibration: what measuring an arm will tell, which poses to measure, and the fit of the error model to data."""
+"""Calibration: forecast of the accuracy, selection of poses to measure, and fit of the error model to readings."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
     from precision_pin.sheet.measurement import Measurement
 
-_RANDOM: Final = 50
-"""Poses of a forecast where none are given."""
+_POSES: Final = 50
+"""Default number of poses of a forecast."""
 _CANDIDATES: Final = 200
-"""Candidates of a plan where none are given."""
-_DRAWN: Final = 20
-"""Random poses that are drawn for each that the instrument must see."""
-_MOST: Final = 10_000
-"""The most poses."""
+"""Default number of candidates of a plan."""
+_DRAWS: Final = 20
+"""Random poses drawn per pose that the instrument must see."""
+_MAX_POSES: Final = 10_000
+"""Maximum number of poses."""
 _AHEAD, _FIT, _SEVERAL = "Before anything is measured", "Fit to readings", "Several robots"
 
 
 def check(options: dict[str, Any]) -> None:
-    """Take the data from the inputs, as ``robots``; refuse options that do not go together."""
+    """Move the data files from the inputs to ``robots``; raise if options are incompatible."""
     several = options["population"]
     suffixes = (".csv", ".json") if several else (".csv",)
     data = [text for text in options["inputs"] if Path(text).suffix.lower() in suffixes]
@@ -38,7 +38,7 @@ def check(options: dict[str, Any]) -> None:
     has_poses = is_given or options["random"] is not None
     is_factory, has_sheet = options["factory"] is not None, options["sheet_path"] is not None
     of_fit = options["no_prior"] or options["urdf"] is not None or bool(options["only"])
-    asked = [*ahead, *["data"] * bool(data), *["poses"] * has_poses]
+    requested = [*ahead, *["data"] * bool(data), *["poses"] * has_poses]
     rules: dict[str, Any] = {
         "--means-free belongs to --population": options["means_free"],
         "nothing to do: give readings (DATA.csv), --forecast, --plan M or --factory FILE": not data and not ahead,
@@ -53,12 +53,12 @@ def check(options: dict[str, Any]) -> None:
         and options["changes"],
     }
     if several:
-        other = [*ahead, *["--factory"] * is_factory, "poses, --at, --no-prior, --only or --urdf"]
-        is_broken = len(other) > 1 or has_poses or of_fit or options["at_names"]
-        rules = {f"--population takes no {other[0]}": is_broken}
+        rejected = [*ahead, *["--factory"] * is_factory, "poses, --at, --no-prior, --only or --urdf"]
+        is_broken = len(rejected) > 1 or has_poses or of_fit or options["at_names"]
+        rules = {f"--population takes no {rejected[0]}": is_broken}
     elif is_factory and not options["means_free"]:
-        other = [*asked, "--sheet"]
-        rules = {f"--factory takes no {other[0]}; it reads what the factory measured": asked or has_sheet}
+        rejected = [*requested, "--sheet"]
+        rules = {f"--factory takes no {rejected[0]}; it reads what the factory measured": requested or has_sheet}
     for message, is_broken in rules.items():
         if is_broken:
             raise InputError.of("E_USAGE", message)
@@ -70,24 +70,24 @@ def _gives_poses(options: dict[str, Any]) -> bool:
     )
 
 
-def prepare(asked: Asked) -> Job:
-    """Return what the options ask for: factory, population, plan, forecast or fit."""
+def prepare(request: Asked) -> Job:
+    """Return the job of the options: factory, population, plan, forecast or fit."""
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sheet.measurement import only_one
 
-    options, model = asked.options, ErrorModel.from_sheet(asked.sheet)
+    options, model = request.options, ErrorModel.from_sheet(request.sheet)
     if options["factory"] is not None:
-        return _factory(asked, model)
-    measurements = asked.read_measurements()
+        return _factory(request, model)
+    measurements = request.read_measurements()
     if options["population"]:
-        return _population(asked, model, measurements)
+        return _population(request, model, measurements)
     for name in options["at_names"]:
         model.configuration(name)
     at = list(options["at_names"]) or None
     if options["count"] is None and not options["forecast"]:
-        return _fit(asked, model, measurements, at)
+        return _fit(request, model, measurements, at)
     ahead = _forecast if options["count"] is None else _plan
-    return ahead(asked, model, only_one(measurements, asked.sheet.file), at)
+    return ahead(request, model, only_one(measurements, request.sheet.file), at)
 
 
 def check_measured(sheet: Sheet) -> None:
@@ -116,37 +116,37 @@ def _write(path: str | None, write: Callable[[Any], object], result: Any) -> tup
     return (f"wrote {path}",)
 
 
-def _factory(asked: Asked, model: ErrorModel) -> Job:
+def _factory(request: Asked, model: ErrorModel) -> Job:
     from precision_pin.analyses.calibration.population import ur_calibration
 
-    path = asked.options["urdf"]
-    run = partial(ur_calibration, asked.options["factory"], model)
+    path = request.options["urdf"]
+    run = partial(ur_calibration, request.options["factory"], model)
     write = partial(_write, path, lambda result: result.to_urdf(path))
     return _job(run, "factory", files=lambda _: Files(), write=write, findings=())
 
 
-def _population(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...]) -> Job:
+def _population(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...]) -> Job:
     from precision_pin.analyses.calibration.population import population, population_sheet
     from precision_pin.base.files import write_text
 
-    robots, path = asked.options["robots"], asked.options["sheet_path"]
-    write = partial(_write, path, lambda one: write_text(Path(path), population_sheet(one, Path(path).parent)))
-    means: Literal["sheet", "estimated"] = "estimated" if asked.options["means_free"] else "sheet"
-    run = partial(population, model, robots, measurements, means=means, findings=asked.sheet.findings)
+    robots, path = request.options["robots"], request.options["sheet_path"]
+    write = partial(_write, path, lambda result: write_text(Path(path), population_sheet(result, Path(path).parent)))
+    means: Literal["sheet", "estimated"] = "estimated" if request.options["means_free"] else "sheet"
+    run = partial(population, model, robots, measurements, means=means, findings=request.sheet.findings)
     steps = len(robots) + len(model.space.draws)
     return _job(
         run, "population", write=write, steps=steps,
-        what="fitting robots", unit="steps", findings=asked.sheet.findings,
+        what="fitting robots", unit="steps", findings=request.sheet.findings,
     )  # fmt: skip
 
 
-def _plan(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
+def _plan(request: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
     from precision_pin.analyses.calibration.data import poses_csv
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
     from precision_pin.base.files import write_text
 
-    options, path = asked.options, asked.options["csv_path"]
-    poses, sheet = _measured_poses(asked, model, measurement, _CANDIDATES)
+    options, path = request.options, request.options["csv_path"]
+    poses, sheet = _measured_poses(request, model, measurement, _CANDIDATES)
     write = partial(_write, path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q)))
     run = partial(
         plan_calibration, model, poses, options["count"], measurement, at=at, criterion=options["criterion"] or "task",
@@ -158,31 +158,31 @@ def _plan(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[st
     )  # fmt: skip
 
 
-def _forecast(asked: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
+def _forecast(request: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
     from precision_pin.analyses.calibration.forecast import forecast_calibration
 
-    poses, sheet = _measured_poses(asked, model, measurement, _RANDOM)
+    poses, sheet = _measured_poses(request, model, measurement, _POSES)
     run = partial(forecast_calibration, model, poses, measurement, at=at, findings=sheet.findings)
     return _job(run, "forecast", findings=sheet.findings)
 
 
-def _fit(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
+def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
     from precision_pin.analyses.calibration.calibrate import calibrate, calibrated_sheet, result_name
     from precision_pin.base.files import write_files
     from precision_pin.writers.as_built import describe_frozen
 
-    options, path = asked.options, asked.options["sheet_path"]
-    given = None if asked.sheet.contents is None else asked.sheet.contents.overrides
-    if path is not None and given is not None and (given.robot or given.tip or given.base):
+    options, path = request.options, request.options["sheet_path"]
+    overrides = None if request.sheet.contents is None else request.sheet.contents.overrides
+    if path is not None and overrides is not None and (overrides.robot or overrides.tip or overrides.base):
         raise InputError(
             "--sheet writes the sheet as it is in its file; write the robot, tip and base of the options there first"
         )
 
     def write(result: Any) -> list[str]:
-        notes = [one.message for one in result.data.findings if one.severity == "note"]
+        notes = [finding.message for finding in result.data.findings if finding.severity == "note"]
         if path is not None:
             name = str(Path(path).with_name(result_name(path)))
-            text = calibrated_sheet(asked.sheet.file, path)
+            text = calibrated_sheet(request.sheet.file, path)
             write_files({name: (result.to_json() + "\n").encode(), path: text.encode()})
             notes.append(f"wrote {path} and {name}")
         if options["urdf"] is not None:
@@ -192,16 +192,16 @@ def _fit(asked: Asked, model: ErrorModel, measurements: tuple[Measurement, ...],
 
     run = partial(
         calibrate, model, tuple(options["robots"]), measurements, prior=not options["no_prior"], only=options["only"],
-        at=at, findings=asked.sheet.findings,
+        at=at, findings=request.sheet.findings,
     )  # fmt: skip
     return _job(
-        run, "", write=write, findings=asked.sheet.findings,
+        run, "", write=write, findings=request.sheet.findings,
         is_met=lambda result: not options["no_prior"] or result.identifiability.is_complete,
     )  # fmt: skip
 
 
-def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, count: int) -> tuple[PoseSet, Sheet]:
-    """Return the poses that the options give, or random ones, and the sheet with warnings about poses left out."""
+def _measured_poses(request: Asked, model: ErrorModel, measurement: Measurement, count: int) -> tuple[PoseSet, Sheet]:
+    """Return the poses of the options, or random ones, and the sheet with warnings about omitted poses."""
     import numpy as np
 
     from precision_pin.analyses.calibration.forecast import contact_poses, seen_poses
@@ -209,23 +209,23 @@ def _measured_poses(asked: Asked, model: ErrorModel, measurement: Measurement, c
     from precision_pin.robot.pose_grids import random_poses
     from precision_pin.robot.pose_set import PoseSet
 
-    options, sheet = asked.options, asked.sheet
+    options, sheet = request.options, request.sheet
     if _gives_poses(dict(options)):
-        given = asked.read_poses(_MOST)
-        values, _ = model.configurations([one.where for one in given])
-        poses = PoseSet.at(sheet.chain, np.ascontiguousarray(values), tuple(one.name for one in given))
-        return poses, given.noted_in(sheet)
+        requested = request.read_poses(_MAX_POSES)
+        values, _ = model.configurations([pose.where for pose in requested])
+        poses = PoseSet.at(sheet.chain, np.ascontiguousarray(values), tuple(pose.name for pose in requested))
+        return poses, requested.noted_in(sheet)
     number = count if options["random"] is None else options["random"]
-    check_whole("the number of random poses", number, 1, _MOST)
+    check_whole("the number of random poses", number, 1, _MAX_POSES)
     if measurement.kind in ("plane", "socket"):
         return contact_poses(sheet.chain, measurement, number, seed=options["seed"]), sheet
     if measurement.visible_from is None:
         return random_poses(sheet.chain, number, seed=options["seed"]), sheet
-    seen = seen_poses(sheet.chain, measurement, random_poses(sheet.chain, _DRAWN * number, seed=options["seed"]))
-    if seen is None or len(seen) < number:
-        found, tried = 0 if seen is None else len(seen), _DRAWN * number
-        raise InputError(f"the instrument sees the target at {found} of {tried:,} random poses, fewer than {number:,}")
-    return seen.take(np.arange(number)), sheet
+    visible = seen_poses(sheet.chain, measurement, random_poses(sheet.chain, _DRAWS * number, seed=options["seed"]))
+    if visible is None or len(visible) < number:
+        hits, drawn = 0 if visible is None else len(visible), _DRAWS * number
+        raise InputError(f"the instrument sees the target at {hits} of {drawn:,} random poses, fewer than {number:,}")
+    return visible.take(np.arange(number)), sheet
 
 
 _ahead, _fit_of = partial(Option, group=_AHEAD), partial(Option, group=_FIT)
@@ -253,7 +253,7 @@ DECLARATION = Declaration(
     readings do not determine every number.
     """,
     options=(
-        _ahead("--forecast", "forecast", "What measuring will buy, before anything is measured.", bool),
+        _ahead("--forecast", "forecast", "Predict the accuracy after calibration, before measuring.", bool),
         _ahead("--plan", "count", "Choose the M best of many poses to measure.", int, metavar="M"),
         _ahead(
             "--criterion", "criterion",
@@ -265,18 +265,18 @@ DECLARATION = Declaration(
         ),
         _ahead(
             "--random", "random",
-            f"N random poses within joint limits (of plane and socket: in contact); {_RANDOM}, {_CANDIDATES} for a plan.", int,
+            f"N random poses within joint limits (of plane and socket: in contact); {_POSES}, {_CANDIDATES} for a plan.", int,
             metavar="N",
         ),
         _fit_of("--no-prior", "no_prior", "Maximum likelihood: the sheet's tolerances are no prior.", bool),
         _fit_of(
-            "--only", "only", "Estimate the numbers of this kind of source alone; repeats.", metavar="KIND",
+            "--only", "only", "Estimate only the parameters of this kind of source; repeats.", metavar="KIND",
             is_repeated=True,
         ),
         _fit_of("--urdf", "urdf", "Write the calibrated robot as a URDF.", kind=Path, metavar="FILE"),
         _fit_of(
             "--sheet", "sheet_path",
-            "Write the sheet of the calibrated arm, for every other command, and the result beside it.",
+            "Write the sheet of the calibrated arm, for every other command, and the result next to it.",
             kind=Path, metavar="FILE.yaml",
         ),
         Option(
@@ -291,7 +291,7 @@ DECLARATION = Declaration(
         ),
         *("measurement", "poses"),
         Option(
-            "--at", "at_names", "A pose of the sheet to judge; all if left out; repeats.", metavar="POSE", is_repeated=True,
+            "--at", "at_names", "A pose of the sheet to judge (default: all); repeats.", metavar="POSE", is_repeated=True,
             group=POSES,
         ),
         *("target", "chain", "seed", "json", "out", "messages"),

@@ -19,8 +19,8 @@ from scipy import sparse, spatial, stats
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
-from precision_pin.analyses.calibration.causes import Cause, doubt_sheet, find_causes
-from precision_pin.analyses.calibration.data import CalibrationData, check_data, read_data, refuse_reversed
+from precision_pin.analyses.calibration.causes import Cause, cause_warnings, find_causes
+from precision_pin.analyses.calibration.data import CalibrationData, check_data, check_directions, read_data
 from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.calibration.forecast import (
     PosesOutcome,
@@ -46,11 +46,12 @@ from precision_pin.sheet.text import read_text
 from precision_pin.statistics import clopper_pearson
 from precision_pin.writers.as_built import AsBuilt
 
-_ROUNDS: Final = 8
+_STD_ROUNDS: Final = 8
+"""Largest number of rounds in which std and gross errors are estimated in turn."""
 _STD_SETTLED: Final = 0.01
-"""Relative change of an estimated std at which it has settled, beside its own interval of some 10 %."""
-_FEW_STEPS: Final = 3
-"""Steps of a fit that only serves to find gross errors, which need not settle while there are any."""
+"""Relative change of an estimated std at which it has converged; its own interval is some 10 % wide."""
+_SEARCH_STEPS: Final = 3
+"""Steps of a fit that only searches for gross errors; it need not converge while there are any."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class GrossError(Record):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationResult(PosesOutcome):
-    """A calibrated robot, beside what :class:`PosesOutcome` has.
+    """A calibrated robot, in addition to :class:`PosesOutcome`.
 
     Attributes:
         has_prior: Whether the sheet was the prior.
@@ -158,12 +159,12 @@ class CalibrationResult(PosesOutcome):
         check_number("the probability", probability, "between 0 and 1", lambda value: 0 < value < 1)
         # where the number itself stops at a bound, how far the readings would have it beyond says how much lies near the bound
         estimate = float(self.without_bounds[number]) if name in self.at_bounds else self.posterior.mean[name]
-        left = 1 - self.posterior.learned[name]
-        if not self.has_prior and left < 1:
+        variance_left = 1 - self.posterior.learned[name]
+        if not self.has_prior and variance_left < 1:
             return normal_interval(estimate, self.posterior.std[name], probability)
-        draw = next(one for one in self.original.space.draws if name in one.components)
+        owner = next(draw for draw in self.original.space.draws if name in draw.components)
         std = self.posterior.prior_std[name]
-        return interval_after(draw.law, draw.components.index(name), estimate, std, left, probability)
+        return interval_after(owner.law, owner.components.index(name), estimate, std, variance_left, probability)
 
     @cached_property
     def components(self) -> Array:
@@ -198,8 +199,8 @@ class CalibrationResult(PosesOutcome):
     def rms(self, which: Literal["before", "after", "left out"]) -> float:
         """Return the root mean square length (m) of the residuals of the readings that have weight."""
         values = {"before": self.residuals_before, "after": self.residuals, "left out": self.left_out}[which]
-        used = np.delete(values, [error.reading for error in self.gross_errors], axis=0)
-        return float(np.sqrt((used[:, :3] ** 2).sum(axis=1).mean()))
+        weighted = np.delete(values, [error.reading for error in self.gross_errors], axis=0)
+        return float(np.sqrt((weighted[:, :3] ** 2).sum(axis=1).mean()))
 
     @property
     def rms_residual(self) -> dict[str, float]:
@@ -226,7 +227,7 @@ class CalibrationResult(PosesOutcome):
         """Joint values and readings as in the JSON, a row for each reading; ``std`` and ``group`` where they are given."""
         data, joints = self.data, self.original.chain.joint_names
         several = {"measured_by": data.part, "visit": data.visit} if len(data.measurements) > 1 else {}
-        optional = {name: each for name, each in (("std", data.std), ("group", data.group)) if each.size}
+        optional = {name: values for name, values in (("std", data.std), ("group", data.group)) if values.size}
         return {"joints": joints, "q": data.q.T, "readings": data.readings, **optional, **several}
 
     def __repr__(self) -> str:
@@ -279,102 +280,102 @@ def calibrate(
     measurements = measurements_of(model, measurement, has_data=True)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
-    fitted, held = _held(model, only)
-    given, bases, whole = measured_problem(fitted, data, measurements)
-    tasks = design.task_poses(fitted, at, given.q)
+    fitted, held_findings = _hold_other_sources(model, only)
+    readings, bases, problem = measured_problem(fitted, data, measurements)
+    tasks = design.task_poses(fitted, at, readings.q)
     noise: dict[str, fitting.EstimatedStd] = {}
-    if whole.unknown_deviations:
-        given, whole, (used, best, distances), noise = _with_std(whole, given, has_prior=prior)
+    if problem.unknown_deviations:
+        readings, problem, (clean, fit, distances), noise = _with_std(problem, readings, has_prior=prior)
     else:
-        used, best, distances = without_gross_errors(whole, given, has_prior=prior)
-    repeated = sum(labels.size - np.unique(labels).size for labels in used.labels)
-    chance = fitting.chance_of(best.chi_square, best.degrees_of_freedom, noise, repeated)
-    residuals = whole.residuals(best.z, best.nuisances)
-    groups = groups_of(given, np.array(model.chain.prismatic))
-    without = fitting.leave_out(used, best.estimator, best.local, best.residuals, groups)
-    alone = SetUpAlone.of(used)
-    known = min((one.degrees_of_freedom for one in noise.values() if one.decided_by == "repeats"), default=SURE)
-    by: Literal["poses", "groups"] = "groups" if given.group.size else "poses"
-    improvement = judge(used, without, alone, groups, by, known)
-    unit, estimator = whole.unit, best.estimator
-    predicted = whole.reading_deviations(best)
-    is_gross = np.isin(np.arange(len(given)), list(distances))[:, None]
-    slopes = used.slopes(best.z, best.nuisances, plain=True)
-    seen = design.of_stack(unit.names, *slopes, used.instruments.nuisances, len(given) - len(distances))
-    design.refuse_where_nothing_is_seen(seen)
-    causes = find_causes(used, best, given.q, groups, None if chance is None else known)
-    mean, covariance = unit.values(best.z), unit.root @ estimator.covariance @ unit.root.T
-    is_mixed = np.diag(seen.set_up_projector) > design.NEGLIGIBLE
-    variances = np.where(is_mixed, np.inf, np.diag(estimator.joint_covariance)[best.z.size :])
+        clean, fit, distances = without_gross_errors(problem, readings, has_prior=prior)
+    repeated = sum(labels.size - np.unique(labels).size for labels in clean.labels)
+    chance = fitting.chance_of(fit.chi_square, fit.degrees_of_freedom, noise, repeated)
+    residuals = problem.residuals(fit.z, fit.nuisances)
+    groups = groups_of(readings, np.array(model.chain.prismatic))
+    left_out = fitting.leave_out(clean, fit.estimator, fit.local, fit.residuals, groups)
+    set_up_fit = SetUpAlone.of(clean)
+    std_free = min((std.degrees_of_freedom for std in noise.values() if std.decided_by == "repeats"), default=KNOWN_STD)
+    grouped_by: Literal["poses", "groups"] = "groups" if readings.group.size else "poses"
+    improvement = judge(clean, left_out, set_up_fit, groups, grouped_by, std_free)
+    unit, estimator = problem.unit, fit.estimator
+    predicted = problem.reading_deviations(fit)
+    is_gross = np.isin(np.arange(len(readings)), list(distances))[:, None]
+    slopes = clean.slopes(fit.z, fit.nuisances, plain=True)
+    identifiability = design.of_stack(unit.names, *slopes, clean.instruments.nuisances, len(readings) - len(distances))
+    design.check_identifiable(identifiability)
+    causes = find_causes(clean, fit, readings.q, groups, None if chance is None else std_free)
+    mean, covariance = unit.values(fit.z), unit.root @ estimator.covariance @ unit.root.T
+    is_mixed = np.diag(identifiability.set_up_projector) > design.NEGLIGIBLE
+    variances = np.where(is_mixed, np.inf, np.diag(estimator.joint_covariance)[fit.z.size :])
     gross = tuple(
-        GrossError(given.lines[row], size, float(np.sqrt(distances[row])), row, turn)
+        GrossError(readings.lines[row], size, float(np.sqrt(distances[row])), row, rotation)
         for row in sorted(distances)
-        for size, turn in [(float(np.linalg.norm(residuals[row, :3])), float(np.linalg.norm(residuals[row, 3:])))]
+        for size, rotation in [(float(np.linalg.norm(residuals[row, :3])), float(np.linalg.norm(residuals[row, 3:])))]
     )
     return CalibrationResult(
         provenance=Provenance.of(model, 0),
-        measurement=given.measurements[0],
+        measurement=readings.measurements[0],
         has_prior=prior,
         posterior=Posterior.of(unit, mean, covariance),
-        without_bounds=unit.values(best.without_bounds),
-        identifiability=seen,
+        without_bounds=unit.values(fit.without_bounds),
+        identifiability=identifiability,
         set_ups=tuple(
-            design.SetUp.of(part, base, best.nuisances[columns], variances[columns])
-            for part, base, columns in zip(given.measurements, bases, used.instruments.columns, strict=True)
+            design.SetUp.of(part, base, fit.nuisances[columns], variances[columns])
+            for part, base, columns in zip(readings.measurements, bases, clean.instruments.columns, strict=True)
         ),
-        chi_square=best.chi_square,
-        degrees_of_freedom=best.degrees_of_freedom,
+        chi_square=fit.chi_square,
+        degrees_of_freedom=fit.degrees_of_freedom,
         residuals=residuals,
-        residuals_before=whole.residuals(np.zeros_like(best.z), alone.nuisances),
-        left_out=np.where(is_gross, residuals, without.values),
-        std_left_out=np.where(is_gross, predicted, without.std),
+        residuals_before=problem.residuals(np.zeros_like(fit.z), set_up_fit.nuisances),
+        left_out=np.where(is_gross, residuals, left_out.values),
+        std_left_out=np.where(is_gross, predicted, left_out.std),
         std_predicted=predicted,
         improvement=improvement,
         causes=tuple(causes),
         noise=noise,
         repeated=repeated,
         gross_errors=gross,
-        at_bounds=best.at_bounds,
+        at_bounds=fit.at_bounds,
         poses=errors_left(
-            tasks, unit, estimator, any(part.displaces_base for part in given.measurements), fitted.space
+            tasks, unit, estimator, any(part.displaces_base for part in readings.measurements), fitted.space
         ),
         original=model,
         model=model.calibrated(Estimates(unit.names, mean, covariance)),
-        data=given,
-        steps=best.steps,
+        data=readings,
+        steps=fit.steps,
         findings=(
             *findings,
-            *check_data(model, given),
-            *_remarks(given, best, gross),
-            *held,
-            *design.remarks_on(seen),
-            *(() if prior else design.rank_findings(seen)),
-            *fitting.doubt_model(used, best, chance, has_prior=prior),
-            *doubt_sheet(causes),
-            *fitting.doubt_std(noise),
-            *doubt_improvement(improvement),
+            *check_data(model, readings),
+            *_warnings(readings, fit, gross),
+            *held_findings,
+            *design.identifiability_warnings(identifiability),
+            *(() if prior else design.rank_findings(identifiability)),
+            *fitting.model_warnings(clean, fit, chance, has_prior=prior),
+            *cause_warnings(causes),
+            *fitting.std_warnings(noise),
+            *improvement_warnings(improvement),
         ),
     )
 
 
-def _held(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Finding]]:
+def _hold_other_sources(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorModel, list[Finding]]:
     """Return the model with the numbers of all but some kinds of source at their means, and a finding that says so."""
     kinds = {label: source.kind() for source, label in zip(model.sources, model.labels, strict=True)}
-    known = sorted(set(kinds.values()))
-    wanted = {check_name("kind of source", kind, known) for kind in check_items("only", only, str)}
-    if not wanted:
+    known_kinds = sorted(set(kinds.values()))
+    wanted_kinds = {check_name("kind of source", kind, known_kinds) for kind in check_items("only", only, str)}
+    if not wanted_kinds:
         return model, []
-    held = [
+    held_draws = [
         draw
         for draw, owners in zip(model.space.draws, model.owners, strict=True)
-        if draw.scope is Scope.UNIT and not wanted & {kinds[owner] for owner in owners}
+        if draw.scope is Scope.UNIT and not wanted_kinds & {kinds[owner] for owner in owners}
     ]
-    names, count = {draw.name for draw in held}, sum(draw.law.size for draw in held)
+    names, count = {draw.name for draw in held_draws}, sum(draw.law.size for draw in held_draws)
     draws = tuple(held_at_mean(draw) if draw.name in names else draw for draw in model.space.draws)
-    space = Space(draws, tuple(one for one in model.space.correlations if not names & set(one.names)))
+    space = Space(draws, tuple(item for item in model.space.correlations if not names & set(item.names)))
     message = (
-        f"only {', '.join(sorted(wanted))}: {count} numbers of other sources are held at their means; the errors before and "
-        "after leave them out"
+        f"only {', '.join(sorted(wanted_kinds))}: {count} numbers of other sources are held at their means; the errors before "
+        "and after leave them out"
     )
     return model.like(model.chain, space), [Finding("warning", "W_ONLY", message)] if count else []
 
@@ -383,43 +384,43 @@ def measured_problem(
     model: ErrorModel, data: object, measurements: tuple[Measurement, ...]
 ) -> tuple[CalibrationData, tuple[Array, ...], fitting.Problem]:
     """Return the data, for each measurement the first guess of the base ``(4, 4)``, and the problem of all readings."""
-    given = read_data(model, data, measurements)
-    whole, bases = fitting.Problem.of(model, given)
-    _refuse_far_readings(whole, given)
-    return given, bases, whole
+    readings = read_data(model, data, measurements)
+    problem, bases = fitting.Problem.of(model, readings)
+    _check_readings(problem, readings)
+    return readings, bases, problem
 
 
-_LARGEST_SHARE: Final = 0.1
-"""Share of the spread of the poses beyond which an estimated std shows that the data are not of this arm."""
+_MAX_NOISE: Final = 0.1
+"""Fraction of the spread of the poses beyond which an estimated std shows that the data belong to another arm."""
 _BETTER: Final = 5.0
-"""How many times smaller distances must be for a unit to be called wrong."""
+"""Factor by which another unit must reduce the distance to be reported."""
 _UNITS: Final = {180 / np.pi: "radians, not degrees", np.pi / 180: "degrees, not radians"}
-"""What joint values are that fit with a factor."""
+"""Actual unit of joint values that fit after multiplication by a factor."""
 
 
-def _refuse_far_readings(problem: fitting.Problem, data: CalibrationData) -> None:
-    """Refuse readings most of which no robot within the tolerances, by far, can have given: columns are swapped, or units."""
+def _check_readings(problem: fitting.Problem, data: CalibrationData) -> None:
+    """Raise if most readings are far beyond any robot within the tolerances: swapped columns or wrong units."""
     is_known = not problem.unknown_deviations
     if not is_known:  # whatever it is, it is no such share of the space that the arm is in
-        factor = _LARGEST_SHARE * problem.spread / fitting.FARTHEST / float(np.median(problem.deviations[:, 0]))
+        factor = _MAX_NOISE * problem.spread / fitting.FARTHEST / float(np.median(problem.deviations[:, 0]))
         problem = replace(problem, deviations=factor * problem.deviations)
-    far, many = problem.consensus.scale, problem.consensus.too_many
-    if far <= fitting.ODD:
-        if len(many) > design.MOST_GROSS * len(data):
-            rows = ", ".join(data.label(row).removeprefix("row ") for row in many)
-            message = f"{len(many)} of {len(data)} readings do not fit the others, which agree: rows {rows}; measure these again"
+    scale, odd = problem.consensus.scale, problem.consensus.too_many
+    if scale <= fitting.ODD:
+        if len(odd) > design.MOST_GROSS * len(data):
+            rows = ", ".join(data.label(row).removeprefix("row ") for row in odd)
+            message = f"{len(odd)} of {len(data)} readings do not fit the others, which agree: rows {rows}; measure these again"
             raise InputError.of("E_DATA", message, data.file or None)
         return
-    _refuse_other_unit(problem.model, data)
-    zeros = refuse_reversed(problem.model.chain, data, data.measurements[int(np.bincount(data.part).argmax())])
-    if far <= fitting.FARTHEST or not is_known:
+    _check_units(problem.model, data)
+    zeros = check_directions(problem.model.chain, data, data.measurements[int(np.bincount(data.part).argmax())])
+    if scale <= fitting.FARTHEST or not is_known:
         return
     values = problem.residuals(np.zeros(problem.unit.root.shape[1]), problem.start)
     median = float(np.median(np.linalg.norm(values[:, :3], axis=1)))
-    free = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
+    base_hint = " or the base is not known" if any(part.base == "known" for part in problem.instruments.parts) else ""
     message = (
         f"the readings are {1e3 * median:.3g} mm (median) from the nominal arm, "
-        f"{far:.3g} standard deviations of all tolerances: columns or units are wrong, the target is another{free}"
+        f"{scale:.3g} standard deviations of all tolerances: columns or units are wrong, the target is another{base_hint}"
     )
     if zeros is not None and zeros.rms < median / 10:
         message += (
@@ -429,104 +430,104 @@ def _refuse_far_readings(problem: fitting.Problem, data: CalibrationData) -> Non
     raise InputError.of("E_DATA", message, data.file or None)
 
 
-def _refuse_other_unit(model: ErrorModel, data: CalibrationData) -> None:
-    """Refuse joint values that fit far better in degrees than in radians or the other way, all of them or those of one joint."""
+def _check_units(model: ErrorModel, data: CalibrationData) -> None:
+    """Raise if joint values, all or those of one joint, fit far better in the other unit of angles."""
     turning = ~model.chain.prismatic
-    each = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
-    found: list[tuple[float, str]] = [(np.inf, "")]
-    before = nominal_distance(model.chain, data)
-    for is_other, (factor, units) in product(each, _UNITS.items()):
-        scaled = data.q * np.where(is_other, factor, 1.0)[:, None]
+    masks = [turning, *(row.astype(bool) for row in np.eye(len(turning))[turning])]
+    trials: list[tuple[float, str]] = [(np.inf, "")]
+    nominal = nominal_distance(model.chain, data)
+    for is_other, (factor, units) in product(masks, _UNITS.items()):
+        scaled_q = data.q * np.where(is_other, factor, 1.0)[:, None]
         with suppress(InputError):
-            distance = nominal_distance(model.chain, replace(data, q=scaled))
-            found.append((distance, f"{', '.join(compress(model.chain.joint_names, is_other))} are {units}"))
-    distance, what = min(found, key=lambda one: one[0])
-    if distance < before / _BETTER:
+            distance = nominal_distance(model.chain, replace(data, q=scaled_q))
+            trials.append((distance, f"{', '.join(compress(model.chain.joint_names, is_other))} are {units}"))
+    distance, change = min(trials, key=lambda trial: trial[0])
+    if distance < nominal / _BETTER:
         message = (
-            f"the readings fit {before / distance:.3g} times better if the values of {what} (a factor of 57.3): correct their "
+            f"the readings fit {nominal / distance:.3g} times better if the values of {change} (a factor of 57.3): correct their "
             "unit"
         )
         raise InputError.of("E_DATA", message, data.file or None)
 
 
-def _refuse_noise(problem: fitting.Problem, found: fitting.EstimatedStd, file: str) -> None:
-    """Refuse readings that are no readings of this arm, by a std near the size of the space they are in."""
-    if found.std > _LARGEST_SHARE * problem.spread:
+def _check_noise(problem: fitting.Problem, estimate: fitting.EstimatedStd, file: str) -> None:
+    """Raise if the estimated std is so large that the readings cannot belong to this arm."""
+    if estimate.std > _MAX_NOISE * problem.spread:
         message = (
-            f"the std of the readings is estimated as {1e3 * found.std:.3g} mm, where the tip itself spreads by "
+            f"the std of the readings is estimated as {1e3 * estimate.std:.3g} mm, where the tip itself spreads by "
             f"{1e3 * problem.spread:.3g} mm: columns or units are wrong, the target is another or the base is not known"
         )
         raise InputError.of("E_DATA", message, file or None)
 
 
-Weighed = tuple[fitting.Problem, fitting.Fit, dict[int, float]]
+CleanFit = tuple[fitting.Problem, fitting.Fit, dict[int, float]]
 """Problem and fit without gross errors, and the squared size of each of these by its row."""
 
 
 def _with_std(
-    whole: fitting.Problem, data: CalibrationData, *, has_prior: bool
-) -> tuple[CalibrationData, fitting.Problem, Weighed, dict[str, fitting.EstimatedStd]]:
-    """Return data, problem, :func:`without_gross_errors`, and the deviations, estimated where the fit has settled."""
-    kinds = whole.unknown_deviations
-    used, z, nuisances = whole.without(whole.consensus.gross), np.zeros(whole.unit.root.shape[1]), whole.start
-    for _ in range(_ROUNDS):
-        found = fitting.estimate_std(used, z, nuisances, kinds, has_prior=has_prior)
-        factors = np.ones(whole.readings.shape)
-        for name, (factor, _) in found.items():
+    problem: fitting.Problem, data: CalibrationData, *, has_prior: bool
+) -> tuple[CalibrationData, fitting.Problem, CleanFit, dict[str, fitting.EstimatedStd]]:
+    """Return data, problem, result of :func:`without_gross_errors`, and the estimated standard deviations."""
+    kinds = problem.unknown_deviations
+    clean, z, nuisances = problem.without(problem.consensus.gross), np.zeros(problem.unit.root.shape[1]), problem.start
+    for _ in range(_STD_ROUNDS):
+        estimates = fitting.estimate_std(clean, z, nuisances, kinds, has_prior=has_prior)
+        factors = np.ones(problem.readings.shape)
+        for name, (factor, _) in estimates.items():
             factors[kinds[name]] = factor
-        whole = replace(whole, deviations=whole.deviations * factors)
-        _refuse_noise(whole, found["std"][1], data.file)
-        used, best, gross = without_gross_errors(whole, data, has_prior=has_prior)
-        z, nuisances = best.z, best.nuisances
+        problem = replace(problem, deviations=problem.deviations * factors)
+        _check_noise(problem, estimates["std"][1], data.file)
+        clean, fit, gross = without_gross_errors(problem, data, has_prior=has_prior)
+        z, nuisances = fit.z, fit.nuisances
         if np.abs(np.log(factors)).max() < _STD_SETTLED:
             break
-    noise = {name: one for name, (_, one) in found.items()}
-    stds = {name: one.std for name, one in noise.items()}
-    parts = tuple(one if one.std_known else replace(one, **stds) for one in data.measurements)  # type: ignore[arg-type]
-    is_new = whole.unknown_deviations["std"][:, 0]
-    std = np.where(is_new, whole.deviations[:, 0], data.std) if data.std.size else data.std
+    noise = {name: estimate for name, (_, estimate) in estimates.items()}
+    stds = {name: estimate.std for name, estimate in noise.items()}
+    parts = tuple(part if part.std_known else replace(part, **stds) for part in data.measurements)  # type: ignore[arg-type]
+    is_new = problem.unknown_deviations["std"][:, 0]
+    std = np.where(is_new, problem.deviations[:, 0], data.std) if data.std.size else data.std
     data = replace(data, measurements=parts, std=std)
-    return data, whole, (used, best, gross), noise
+    return data, problem, (clean, fit, gross), noise
 
 
-def without_gross_errors(whole: fitting.Problem, data: CalibrationData, *, has_prior: bool) -> Weighed:
-    """Return problem and fit without gross errors, and these.
+def without_gross_errors(problem: fitting.Problem, data: CalibrationData, *, has_prior: bool) -> CleanFit:
+    """Return problem and fit without gross errors, and the squared sizes of the gross errors by row.
 
     To those that most readings do not agree with, others are added one at a time: the one with the largest residual in a fit
     without it, if too large for the rest. Where these are too many, only the first have no weight.
     """
-    found, first = dict(whole.consensus.gross), None
+    gross, first_descent = dict(problem.consensus.gross), None
     while True:
-        descent = fitting.Descent(whole.without(found), has_prior=has_prior)
-        first = first or descent
-        best = descent.fit(_FEW_STEPS)
-        distance, excess = whole.outlying(best, found)
-        excess[list(found)] = 0.0
+        descent = fitting.Descent(problem.without(gross), has_prior=has_prior)
+        first_descent = first_descent or descent
+        fit = descent.fit(_SEARCH_STEPS)
+        distance, excess = problem.outlying(fit, gross)
+        excess[list(gross)] = 0.0
         worst = int(np.argmax(excess))
         if excess[worst] <= 1:
-            return descent.problem, descent.fit(), found
-        if len(found) + 1 > design.MOST_GROSS * len(data):
-            return first.problem, first.fit(), dict(whole.consensus.gross)
-        found[worst] = float(distance[worst])
+            return descent.problem, descent.fit(), gross
+        if len(gross) + 1 > design.MOST_GROSS * len(data):
+            return first_descent.problem, first_descent.fit(), dict(problem.consensus.gross)
+        gross[worst] = float(distance[worst])
 
 
-def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
+def _warnings(data: CalibrationData, fit: fitting.Fit, gross: tuple[GrossError, ...]) -> Iterator[Finding]:
     if gross:
         worst = max(gross, key=lambda error: error.deviations)
         file = data.file if len(set(data.files)) == 1 and data.file else None
         rows = [data.label(error.reading).removeprefix("row ") for error in gross]
-        listed = (", " if all(map(str.isdecimal, rows)) else "; ").join(rows)
+        row_list = (", " if all(map(str.isdecimal, rows)) else "; ").join(rows)
         message = (
-            f"readings that fit no other and were given no weight: rows {listed}; the worst, {data.label(worst.reading)}, is "
+            f"readings that fit no other and were given no weight: rows {row_list}; the worst, {data.label(worst.reading)}, is "
             f"{worst.deviations:.3g} standard deviations off ({1e3 * worst.size:.3g} mm"
             f"{f', {1e3 * worst.turn:.3g} mrad' if worst.turn else ''})"
         )
         yield Finding("warning", "W_GROSS_ERROR", message, file)
-    if best.at_bounds:
-        yield Finding("warning", "W_AT_BOUND", f"estimated at a bound of their tolerance: {', '.join(best.at_bounds)}")
-    if not best.estimator.has_prior:
+    if fit.at_bounds:
+        yield Finding("warning", "W_AT_BOUND", f"estimated at a bound of their tolerance: {', '.join(fit.at_bounds)}")
+    if not fit.estimator.has_prior:
         message = (
-            f"without a prior {best.estimator.kept.shape[1]} of {best.z.size} combinations are estimated; "
+            f"without a prior {fit.estimator.basis.shape[1]} of {fit.z.size} combinations are estimated; "
             "the others keep their means and tolerances"
         )
         yield Finding("warning", "W_NO_PRIOR", message)
@@ -535,29 +536,30 @@ def _remarks(data: CalibrationData, best: fitting.Fit, gross: tuple[GrossError, 
 Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
 
 
-_LARGEST: Final = 4 * 2**20
+_MAX_SHEET_BYTES: Final = 4 * 2**20
+"""Largest sheet that is read, bytes."""
 _ROBOT: Final = re.compile(r"^robot[ \t]*:.*\n?", re.MULTILINE)
 _KEY: Final = re.compile(r"^calibrated[ \t]*:.*\n?", re.MULTILINE)
 
 
 def result_name(sheet: str) -> str:
-    """Return the name of the result beside a sheet: ``arm.calibration.json`` for ``arm.errors.yaml``."""
+    """Return the file name of the result next to a sheet: ``arm.calibration.json`` for ``arm.errors.yaml``."""
     return Path(sheet).name.removesuffix(".yaml").removesuffix(".yml").removesuffix(".errors") + ".calibration.json"
 
 
 def calibrated_sheet(original: str, new: str) -> str:
     """Return the text of the sheet ``original`` with the key ``calibrated``, to be written at ``new``.
 
-    In another folder the robot gets its whole path. A sheet there that names tables is refused, and one whose keys share lines.
+    In another folder the robot gets its full path. Sheets there that name tables, and keys that share lines, are rejected.
     """
     folder = Path(original).resolve().parent
     try:
-        text = read_text_file(original, _LARGEST)
+        text = read_text_file(original, _MAX_SHEET_BYTES)
         data = dict(read_text(text, original).data)
         if folder != Path(new).resolve().parent:
             if _names_tables(data):
                 raise InputError(
-                    f"the calibrated sheet must be in the folder of {original}, which names tables beside it"
+                    f"the calibrated sheet must be in the folder of {original}, which names tables next to it"
                 )
             if not data["robot"].startswith(ELSEWHERE):
                 data["robot"] = str(folder / data["robot"])
@@ -570,9 +572,7 @@ def calibrated_sheet(original: str, new: str) -> str:
     except SheetError:
         is_same = False
     if not is_same:
-        raise InputError(
-            f"the key 'calibrated' cannot be added to {original}; write its keys each in a line of its own"
-        )
+        raise InputError(f"the key 'calibrated' cannot be added to {original}; write each of its keys on its own line")
     return text
 
 
@@ -582,20 +582,21 @@ def _names_tables(data: object) -> bool:
     return isinstance(data, list) and any(map(_names_tables, data))
 
 
-FEWEST: Final = 4
-"""Groups below which nothing is said of the improvement."""
+MIN_GROUPS: Final = 4
+"""Minimum number of groups for a statement on the improvement."""
 _SAME_POSE: Final = (1e-3, 1e-4)
-"""Difference of joint values (rad, m) up to which two poses are the same: they are left out together."""
+"""Difference of joint values (rad, m) up to which two poses count as one: they are omitted together."""
 _SETTLED: Final = 1e-9
-SURE: Final = 1e9
+"""Largest change of whitened readings in the last step of a fit of base and target, relative to 1 + largest residual."""
+KNOWN_STD: Final = 1e9
 """Degrees of freedom of a standard deviation that is known."""
-_TOLD: Final = 1.5
-"""How many times too small deviations may be that are called honest."""
+_MAX_HONEST_RATIO: Final = 1.5
+"""Factor up to which deviations may be too small and still count as honest."""
 
 
 @dataclass(frozen=True)
 class LeftOutShare(Record):
-    """How far off left-out readings are against their own covariance, and the share of them within its 95 % ellipsoid.
+    """Size of left-out readings relative to their covariance, and the fraction within its 95 % ellipsoid.
 
     ``ratio`` is the root mean square of their sizes in standard deviations, 1 where these are right, with the chi-square
     interval; the share has that of Clopper and Pearson; both for as many independent trials as the groups are worth. The
@@ -611,26 +612,26 @@ class LeftOutShare(Record):
     interval: tuple[float, float]
 
     @classmethod
-    def of(cls, squares: Array, sizes: NDArray[np.intp], trials: float, known: float = SURE) -> LeftOutShare:
-        """Return that of readings ``(P,)`` of so many numbers and squared sizes, worth so many independent trials.
+    def of(cls, squares: Array, sizes: NDArray[np.intp], trials: float, known: float = KNOWN_STD) -> LeftOutShare:
+        """Return the result for squared sizes ``(P,)`` of readings with ``sizes`` components, worth ``trials`` groups.
 
-        ``known`` are the degrees of freedom that the standard deviation rests on.
+        ``known`` are the degrees of freedom of the standard deviation.
         """
         within = float((squares <= stats.chi2.ppf(LEVEL, sizes)).mean())
-        ratio, free = float((squares / sizes).mean()), trials * float(sizes.mean())
-        ends = [ratio / float(stats.f.isf(side, free, known)) for side in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
-        low, high = np.sqrt(ends).tolist()
+        ratio, dof = float((squares / sizes).mean()), trials * float(sizes.mean())
+        bounds = [ratio / float(stats.f.isf(side, dof, known)) for side in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
+        low, high = np.sqrt(bounds).tolist()
         return cls(float(np.sqrt(ratio)), (low, high), within, clopper_pearson(within * trials, trials, LEVEL))
 
     @property
     def verdict(self) -> Literal["over-confident", "honest", "over-cautious", "undecided"]:
-        """Whether the deviations are too small, or too large, or too few poses tell."""
+        """Whether the deviations are too small or too large, or too few poses decide."""
         low, high = self.ratio_interval
         if low > 1:
             return "over-confident"
         if high < 1:
             return "over-cautious"
-        return "honest" if high <= _TOLD else "undecided"
+        return "honest" if high <= _MAX_HONEST_RATIO else "undecided"
 
 
 @dataclass(frozen=True)
@@ -666,7 +667,7 @@ class Improvement(Record):
 
     @property
     def gain(self) -> float:
-        """What the calibration takes off, m."""
+        """Error reduction by the calibration, m."""
         return self.before - self.after
 
     @property
@@ -696,8 +697,8 @@ class SetUpAlone(NamedTuple):
                 slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
             by_nuisance = design.without(problem.whiten(slopes), problem.unseen_turns)
             white = problem.whiten(residuals)
-            nothing = np.zeros((len(by_nuisance), 0))
-            estimator = design.Estimator.of(nothing, by_nuisance, has_prior=False, kept=np.zeros((0, 0)))
+            no_columns = np.zeros((len(by_nuisance), 0))
+            estimator = design.Estimator.of(no_columns, by_nuisance, has_prior=False, basis=np.zeros((0, 0)))
             step = estimator.nuisances(white)
             if np.abs(by_nuisance @ step).max(initial=0.0) < _SETTLED * (1 + np.abs(white).max()):
                 break
@@ -709,59 +710,59 @@ def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.i
     """Return the number of the group of each reading, ``(P,)``: the data's own, or one for readings at the same pose."""
     if data.group.size:
         return np.unique(data.group, return_inverse=True)[1].astype(np.intp)
-    scaled = data.q.T / np.where(sliding, _SAME_POSE[1], _SAME_POSE[0])
-    pairs = spatial.cKDTree(scaled).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    near = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(data), len(data)))
-    return sparse.csgraph.connected_components(near, directed=False)[1].astype(np.intp)
+    scaled_q = data.q.T / np.where(sliding, _SAME_POSE[1], _SAME_POSE[0])
+    pairs = spatial.cKDTree(scaled_q).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    adjacency = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(data), len(data)))
+    return sparse.csgraph.connected_components(adjacency, directed=False)[1].astype(np.intp)
 
 
 def judge(
     problem: fitting.Problem,
     after: fitting.LeftOut,
-    alone: SetUpAlone,
+    set_up_fit: SetUpAlone,
     groups: NDArray[np.intp],
     grouped_by: Literal["poses", "groups"],
-    known: float,
+    std_degrees: float,
 ) -> Improvement | None:
-    """Return how a fit does on the groups left out of it; ``None`` where no group's readings follow from the others.
+    """Return the cross-validation result of a fit; ``None`` if no group can be predicted from the others.
 
-    ``known`` are the degrees of freedom that the standard deviation rests on, apart from these readings.
+    ``std_degrees`` are the degrees of freedom of the standard deviation, apart from these readings.
     """
-    residuals = alone.residuals
-    before = fitting.leave_out(problem, alone.estimator, alone.estimator, residuals, groups)
-    used = np.flatnonzero(before.is_predicted & after.is_predicted)
-    if not used.size:
+    residuals = set_up_fit.residuals
+    before = fitting.leave_out(problem, set_up_fit.estimator, set_up_fit.estimator, residuals, groups)
+    common = np.flatnonzero(before.is_predicted & after.is_predicted)
+    if not common.size:
         return None
-    _, group = np.unique(groups[used], return_inverse=True)
+    _, group = np.unique(groups[common], return_inverse=True)
     sizes = np.bincount(group)
     squares = [
-        np.bincount(group, (one[used, :3] ** 2).sum(axis=1)) / sizes for one in (before.values, after.values, residuals)
+        np.bincount(group, (r[common, :3] ** 2).sum(axis=1)) / sizes for r in (before.values, after.values, residuals)
     ]
-    weights, count = sizes / used.size, len(sizes)
-    means = [float(weights @ one) for one in squares]
+    weights, count = sizes / common.size, len(sizes)
+    means = [float(weights @ group_squares) for group_squares in squares]
     trials = min(before.trials, count), min(after.trials, count)
-    lengths = float(np.minimum(problem.sizes[used], 3).mean())
+    lengths = float(np.minimum(problem.sizes[common], 3).mean())
     intervals: tuple[tuple[float, float] | None, tuple[float, float] | None] = (None, None)
-    if count >= FEWEST and means[0] > 0 and means[1] > 0:
+    if count >= MIN_GROUPS and means[0] > 0 and means[1] > 0:
         intervals = gain_interval(squares[0], squares[1], weights, trials, lengths)
-    share = LeftOutShare.of(after.distance[used], problem.sizes[used], trials[1], known)
+    share = LeftOutShare.of(after.distance[common], problem.sizes[common], trials[1], std_degrees)
     before_rms, after_rms, rms = (float(np.sqrt(mean)) for mean in means)
-    return Improvement(before_rms, after_rms, *intervals, rms, count, grouped_by, int(used.size), share)
+    return Improvement(before_rms, after_rms, *intervals, rms, count, grouped_by, int(common.size), share)
 
 
-def doubt_improvement(found: Improvement | None) -> Iterator[Finding]:
-    """Yield warnings where unseen poses gain nothing, or readings left out are farther off than their deviations say."""
-    if found is None or found.verdict != "helps":
-        gain = "" if found is None else f": {1e3 * found.before:.3g} mm rms before, {1e3 * found.after:.3g} mm after"
-        verdict = "not shown to help" if found is None else found.verdict
+def improvement_warnings(trial: Improvement | None) -> Iterator[Finding]:
+    """Yield warnings if unseen poses gain nothing, or left-out readings exceed their standard deviations."""
+    if trial is None or trial.verdict != "helps":
+        gain = "" if trial is None else f": {1e3 * trial.before:.3g} mm rms before, {1e3 * trial.after:.3g} mm after"
+        verdict = "not shown to help" if trial is None else trial.verdict
         verb = f"{'is ' * (verdict[0] == 'n')}{verdict}"
         message = f"at poses left out the calibration {verb}{gain}; do not rely on it there"
         yield Finding("warning", "W_NO_GAIN", message)
-    if found is not None and found.share.verdict == "over-confident":
-        low, high = found.share.ratio_interval
+    if trial is not None and trial.share.verdict == "over-confident":
+        low, high = trial.share.ratio_interval
         message = (
-            f"over-confident: left-out readings are {found.share.ratio:.3g} times ({low:.3g} to {high:.3g}) as far off as their "
-            f"standard deviations say, {100 * found.share.within:.3g} % within their 95 %; the errors left are larger than stated"
+            f"over-confident: left-out readings are {trial.share.ratio:.3g} times ({low:.3g} to {high:.3g}) as far off as their "
+            f"standard deviations say, {100 * trial.share.within:.3g} % within their 95 %; the errors left are larger than stated"
         )
         yield Finding("warning", "W_OVER_CONFIDENT", message)
 
@@ -778,17 +779,17 @@ def gain_interval(
     upper end of b. Groups left out in turn share the rest, so variances are 1.3 times as large, where little is gained up to
     4 times, and that of b twice (measured by coverage).
     """
-    count, roots = len(weights), [float(np.sqrt(weights @ one)) for one in (before, after)]
+    count, roots = len(weights), [float(np.sqrt(weights @ group_squares)) for group_squares in (before, after)]
     b, a = roots
-    adds = [weights * (one - root**2) / (2 * root) for one, root in zip((before, after), roots, strict=True)]
+    effects = [weights * (mean - root**2) / (2 * root) for mean, root in zip((before, after), roots, strict=True)]
 
-    def reach(each: Array, known: float, widened: float) -> float:
-        free = max(known - 1, 1.0)
-        return float(stats.t.isf((1 - LEVEL) / 2, free) * np.sqrt(widened * count / free * (each @ each)))
+    def half_width(terms: Array, known: float, widened: float) -> float:
+        dof = max(known - 1, 1.0)
+        return float(stats.t.isf((1 - LEVEL) / 2, dof) * np.sqrt(widened * count / dof * (terms @ terms)))
 
-    paired = reach(adds[0] - adds[1], trials[1], 1.3 + 2.7 * min(a / b, b / a) ** 8)
-    factor = float(np.exp(reach(adds[0], trials[0], 2.0) / b))
-    free = lengths * trials[1]
-    other = float(np.sqrt(stats.f.isf((1 - LEVEL) / 2, free, free)))
-    low, high = np.hypot(b - b / factor, a * other - a), np.hypot(b * factor - b, a - a / other)
+    paired = half_width(effects[0] - effects[1], trials[1], 1.3 + 2.7 * min(a / b, b / a) ** 8)
+    factor = float(np.exp(half_width(effects[0], trials[0], 2.0) / b))
+    dof = lengths * trials[1]
+    ratio = float(np.sqrt(stats.f.isf((1 - LEVEL) / 2, dof, dof)))
+    low, high = np.hypot(b - b / factor, a * ratio - a), np.hypot(b * factor - b, a - a / ratio)
     return (b - a - min(paired, float(low)), b - a + min(paired, float(high))), (b / factor, b * factor)

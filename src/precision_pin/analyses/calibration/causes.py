@@ -30,20 +30,26 @@ FALSE_ALARMS: Final = 0.0075
 AS_LIKELY: Final = 20.0
 """Ratio of likelihoods up to which another cause explains the readings as well."""
 _KNOWN: Final = 0.999
-"""Cosine to a number of the sheet from which a cause is that number."""
+"""Cosine to a number of the sheet above which a cause counts as this number."""
 _UNSEEN: Final = 1e-9
 """Share of a direction that set-up and arm must leave for it to be tested."""
 _VARIANCES: Final = np.logspace(-3, 8, 111)
+"""Variances of amplitudes at which the likelihood is evaluated, over the mean variance of their estimates."""
 _POLE: Final = 0.5 - 1e-9
+"""Bracket of the saddlepoint, just inside the poles at 2 w t = 1 (largest weight scaled to 1)."""
 
 Label = tuple[str, str, str]
 """Kind of a cause, its joint and unit."""
 WAVES: Final = tuple(f"wave, {order} in a turn" for order in range(1, 5))
+"""Orders of joint waves that are tested."""
 OF_JOINTS: Final = ("zero", *np.repeat(WAVES, 2).tolist(), "backlash by motion", "backlash by load", "compliance")
 """Kinds of the columns of each joint, a sine and a cosine for each wave."""
 OF_SET_UP: Final = (*[("drift of base or instrument", "", "m")] * 3, ("growth of the arm", "", "1"))
+"""Kinds, joints and units of the columns of the set-up: a drift along each axis, and a growth."""
 _UNITS: Final = {True: ("m", "m/N"), False: ("rad", "rad/(N*m)")}
+"""Units of a joint's error and of its compliance, by whether it is prismatic."""
 _PRINTED: Final = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e6, "ppm")}
+"""Factor and printed unit of each SI unit."""
 TOLERANCE: Final = "tolerance too small"
 
 
@@ -73,23 +79,23 @@ class Cause(Record):
 
     def __str__(self) -> str:
         scale, unit = _PRINTED.get(self.unit, (1.0, self.unit))
-        low, high = (f"{scale * end:.3g}" for end in self.interval)
+        low, high = (f"{scale * bound:.3g}" for bound in self.interval)
         where = f" of {self.joint}{' and others' * self.is_shared}" if self.joint else ""
         return f"{self.kind}{where} ({scale * self.size:.3g} {unit}; 95 %: {low} to {high})"
 
 
-def tail(weights: Array, other: float, degrees: float) -> float:
+def tail(weights: Array, ratio: float, degrees: float) -> float:
     """Return the probability that ``Σ w χ²`` of one degree each exceeds ``other`` times chi-square of ``degrees``."""
     if (scale := float(weights.max())) <= 0:
         return 0.0 if degrees > 0 else 1.0
-    w, number = np.append(weights, -other) / scale, np.append(np.ones(weights.size), degrees)
+    w, number = np.append(weights, -ratio) / scale, np.append(np.ones(weights.size), degrees)
     t = scipy.optimize.brentq(lambda t: number @ (w / (1 - 2 * w * t)), _POLE / w.min(), _POLE, maxiter=1000)
     exponent, curvature = -number @ np.log1p(-2 * w * t) / 2, 2 * number @ (w / (1 - 2 * w * t)) ** 2
     root, v = np.sign(t) * np.sqrt(max(-2 * exponent, 0.0)), t * np.sqrt(curvature)
     return 0.5 if abs(root) < 1e-3 else float(stats.norm.sf(root + np.log(v / root) / root))
 
 
-class Weighed(NamedTuple):
+class CauseScore(NamedTuple):
     """A cause: its columns, the probability of larger scores, the log of its likelihood ratio, amplitudes there."""
 
     columns: NDArray[np.intp]
@@ -104,18 +110,18 @@ Scores = tuple[Array, Array, float, int, float | None]
 deviation rests on; ``None`` where it was tuned to them."""
 
 
-def weigh(columns: NDArray[np.intp], of: Scores) -> Weighed:
-    """Return how well a cause of some columns explains the readings."""
-    along, information, total, degrees, known = of
+def weigh(columns: NDArray[np.intp], of: Scores) -> CauseScore:
+    """Return the evidence for a cause with some columns."""
+    amplitudes, information, total, degrees, std_degrees = of
     values, vectors = np.linalg.eigh(information[np.ix_(columns, columns)])
-    values, scores = np.maximum(values, 0.0), vectors.T @ along[columns]
+    values, scores = np.maximum(values, 0.0), vectors.T @ amplitudes[columns]
     # of a std that was tuned, the score's share of chi-square
-    other = float(scores @ scores) / (known or total)
-    chance = tail(values - other * (not known), other, known or max(degrees - len(values), 0))
+    ratio = float(scores @ scores) / (std_degrees or total)
+    chance = tail(values - ratio * (not std_degrees), ratio, std_degrees or max(degrees - len(values), 0))
     shrunk = 1 / (values.mean() / _VARIANCES[:, None] + values)
     gains = (shrunk * scores**2 + np.log(shrunk * values.mean() / _VARIANCES[:, None])).sum(axis=1) / 2
     spread = vectors * shrunk[int(np.argmax(gains))]
-    return Weighed(columns, chance, float(gains.max()), spread @ scores, spread @ vectors.T)
+    return CauseScore(columns, chance, float(gains.max()), spread @ scores, spread @ vectors.T)
 
 
 def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, list[Label]]:
@@ -124,52 +130,52 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
     joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
     labels = [(kind, name, _UNITS[slides][kind == "compliance"]) for name, slides in joints for kind in OF_JOINTS]
     labels += OF_SET_UP
-    _, first, visit = np.unique(problem.visit, return_index=True, return_inverse=True)
-    steps = np.diff(q[:, first], axis=1, prepend=q[:, first[:1]])
-    # a joint that stood still moved last when it moved last
-    moves = np.maximum.accumulate(np.where(np.abs(steps) > _UNSEEN, np.arange(first.size), 0), axis=1)
-    last = np.sign(np.take_along_axis(steps, moves, axis=1))[:, visit]
+    _, first_rows, visit = np.unique(problem.visit, return_index=True, return_inverse=True)
+    steps = np.diff(q[:, first_rows], axis=1, prepend=q[:, first_rows[:1]])
+    # a joint at rest keeps the direction of its last motion
+    moves = np.maximum.accumulate(np.where(np.abs(steps) > _UNSEEN, np.arange(first_rows.size), 0), axis=1)
+    motion_signs = np.sign(np.take_along_axis(steps, moves, axis=1))[:, visit]
     angles = 2 * np.pi * q / np.where(chain.prismatic, np.maximum(np.ptp(q, axis=1), _UNSEEN), 2 * np.pi)[:, None]
-    waves = np.array([turn(order * angles) for order in range(1, len(WAVES) + 1) for turn in (np.sin, np.cos)])
-    time = visit / max(first.size - 1, 1) - 0.5
-    errors, moved = np.zeros((q.shape[1], 6, len(labels))), np.zeros((*problem.readings.shape, len(labels)))
+    waves = np.array([wave(order * angles) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)])
+    time = visit / max(first_rows.size - 1, 1) - 0.5
+    errors, changes = np.zeros((q.shape[1], 6, len(labels))), np.zeros((*problem.readings.shape, len(labels)))
     for station, places, _, _ in problem.at_stations:
         at, posture = station.at, station.at.posture
         torque = np.array([float(at_means(posture.torque_on(k), at.space)) for k in range(len(q))])
         for row in station.rows:
-            own = np.array(
-                [0 * torque + 1, *waves[:, :, row], last[:, row] / 2, np.sign(torque.round(9)) / 2, torque]
+            shapes = np.array(
+                [0 * torque + 1, *waves[:, :, row], motion_signs[:, row] / 2, np.sign(torque.round(9)) / 2, torque]
             ).T
             shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]]) * time[row]
-            errors[row] = np.hstack([(posture.joint_jacobian[:, :, None] * own).reshape(6, -1), shifts])
+            errors[row] = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), shifts])
         by_error = problem.slopes_at(station, at.error_at_means, nuisances).error
-        moved[places] = np.einsum("ij,ijc->ic", by_error, errors[places[0]])
-    return problem.whiten(moved), labels
+        changes[places] = np.einsum("ij,ijc->ic", by_error, errors[places[0]])
+    return problem.whiten(changes), labels
 
 
-def rank(of: Scores, labels: Sequence[Label], is_usable: NDArray[np.bool_]) -> tuple[float, list[Weighed]]:
+def rank(of: Scores, labels: Sequence[Label], is_usable: NDArray[np.bool_]) -> tuple[float, list[CauseScore]]:
     """Return the probability of such scores if the sheet is complete, and the causes that explain them best."""
     groups = dict[tuple[str, str], list[int]]()
     for k in np.flatnonzero(is_usable).tolist():
         for key in dict.fromkeys([labels[k][:2], (labels[k][0], "")]):
             groups.setdefault(key, []).append(k)
-    # of a kind that one joint alone has, all are that one
-    found = {key: weigh(np.array(own), of) for own, key in {tuple(own): key for key, own in groups.items()}.items()}
-    # single joints, and what is shared, have half of the weight each
-    tested = [key for key in found if key[0] != TOLERANCE]
-    is_shared = np.array([not joint for _, joint in tested], dtype=bool)
+    # a kind with a single joint has one candidate only
+    causes = {key: weigh(np.array(ids), of) for ids, key in {tuple(ids): key for key, ids in groups.items()}.items()}
+    # single joints and shared causes have half of the weight each
+    non_tolerances = [key for key in causes if key[0] != TOLERANCE]
+    is_shared = np.array([not joint for _, joint in non_tolerances], dtype=bool)
     weights = 1 / np.maximum(np.where(is_shared, is_shared.sum(), (~is_shared).sum()), 1)
-    variables = [np.tan((0.5 - np.clip(found[key].chance, 1e-15, 0.99)) * np.pi) for key in tested]
+    variables = [np.tan((0.5 - np.clip(causes[key].chance, 1e-15, 0.99)) * np.pi) for key in non_tolerances]
     chance = float(stats.cauchy.sf(weights @ variables / max(weights.sum(), 1.0)))
-    likely = sorted(found, key=lambda key: -round(found[key].gain, 3))
-    least = max(found[likely[0]].gain - np.log(AS_LIKELY), 0.0) if likely else 0.0
-    # that several joints have it is no other cause than the likeliest
-    near = [key for key in likely if found[key].gain > least and (key == likely[0] or key != (likely[0][0], ""))]
-    return chance, [found[key] for key in near]
+    likely = sorted(causes, key=lambda key: -round(causes[key].gain, 3))
+    bound = max(causes[likely[0]].gain - np.log(AS_LIKELY), 0.0) if likely else 0.0
+    # the likeliest kind shared by several joints is no separate cause
+    close = [key for key in likely if causes[key].gain > bound and (key == likely[0] or key != (likely[0][0], ""))]
+    return chance, [causes[key] for key in close]
 
 
 def find_causes(problem: Problem, fit: Fit, q: Array, groups: NDArray[np.intp], known: float | None) -> list[Cause]:
-    """Return the errors that explain what a fit leaves, the likeliest first; none where a complete sheet would leave as much.
+    """Return the errors that explain the residuals of a fit, likeliest first; none if a complete sheet explains them.
 
     Args:
         problem, fit: Readings with weight, and their fit.
@@ -178,9 +184,9 @@ def find_causes(problem: Problem, fit: Fit, q: Array, groups: NDArray[np.intp], 
     """
     estimator, readings = fit.estimator, problem.whiten(fit.residuals) + fit.estimator.by_z @ fit.z
     if not estimator.has_prior:
-        # what is not estimated has its prior, all else has none
-        fixed = np.hstack([estimator.by_nuisance, estimator.by_z @ estimator.kept])
-        estimator = Estimator.of(estimator.by_z, fixed, has_prior=True)
+        # parameters that are not estimated have their prior, all others none
+        fixed_columns = np.hstack([estimator.by_nuisance, estimator.by_z @ estimator.basis])
+        estimator = Estimator.of(estimator.by_z, fixed_columns, has_prior=True)
     columns, labels = columns_of(problem, q, fit.nuisances)
     new, root = len(labels), estimator.leverage_root()
     columns = np.hstack([columns, problem.slopes(fit.z, fit.nuisances, plain=True)[0]])
@@ -191,30 +197,30 @@ def find_causes(problem: Problem, fit: Fit, q: Array, groups: NDArray[np.intp], 
     labels += [(TOLERANCE, name, "prior std") for name in problem.unit.names]
     total, degrees = float(readings @ residuals), len(readings) - estimator.nuisance_rank
     chance, likely = rank((columns.T @ residuals, information, total, degrees, known), labels, is_usable)
-    found = []
-    for one in likely if chance <= FALSE_ALARMS else []:
-        effect, white = np.zeros(problem.readings.shape), columns[:, one.columns] @ one.mean
+    causes = []
+    for candidate in likely if chance <= FALSE_ALARMS else []:
+        effect, white = np.zeros(problem.readings.shape), columns[:, candidate.columns] @ candidate.mean
         for _, places, span, noise in problem.at_stations:
             effect[places] = noise @ (white - root @ (root.T @ white))[span]
         without = leave_out(problem, estimator, estimator, effect, groups)
-        away = without.values[without.is_predicted, :3]
-        owners = np.array([labels[k][1] for k in one.columns])
-        joint = max(owners.tolist(), key=lambda name: float(np.linalg.norm(one.mean[owners == name])))
-        size = float(np.linalg.norm(mean := np.where(owners == joint, one.mean, 0.0)))
-        low, high = normal_interval(size, float(np.sqrt(mean @ one.covariance @ mean)) / size, LEVEL)
-        kind, _, unit = labels[one.columns[int(np.argmax(owners == joint))]]
-        facts = size, (max(low, 0.0), high), unit, float(np.exp(one.gain - likely[0].gain))
-        rms = float(np.linalg.norm(away)) / max(len(away), 1) ** 0.5
-        found.append(Cause(kind, joint, np.unique(owners).size > 1, *facts, rms))
-    return found
+        shifts = without.values[without.is_predicted, :3]
+        owners = np.array([labels[k][1] for k in candidate.columns])
+        joint = max(owners.tolist(), key=lambda name: float(np.linalg.norm(candidate.mean[owners == name])))
+        size = float(np.linalg.norm(mean := np.where(owners == joint, candidate.mean, 0.0)))
+        low, high = normal_interval(size, float(np.sqrt(mean @ candidate.covariance @ mean)) / size, LEVEL)
+        kind, _, unit = labels[candidate.columns[int(np.argmax(owners == joint))]]
+        facts = size, (max(low, 0.0), high), unit, float(np.exp(candidate.gain - likely[0].gain))
+        rms = float(np.linalg.norm(shifts)) / max(len(shifts), 1) ** 0.5
+        causes.append(Cause(kind, joint, np.unique(owners).size > 1, *facts, rms))
+    return causes
 
 
-def doubt_sheet(causes: Sequence[Cause]) -> Iterator[Finding]:
+def cause_warnings(causes: Sequence[Cause]) -> Iterator[Finding]:
     """Yield a warning that names the likeliest causes."""
     if causes:
-        others = f"; as well explained by: {some([*map(str, causes[1:])], 3, '; ')}" * bool(causes[1:])
+        alternatives = f"; as well explained by: {some([*map(str, causes[1:])], 3, '; ')}" * bool(causes[1:])
         message = (
             f"readings show an error that the sheet lacks, most likely {causes[0]}, by which readings left out are "
-            f"{1e3 * causes[0].left_out:.3g} mm rms off{others}; add its source, or measure where these differ"
+            f"{1e3 * causes[0].left_out:.3g} mm rms off{alternatives}; add its source, or measure where these differ"
         )
         yield Finding("warning", "W_CAUSE", message)

@@ -90,8 +90,8 @@ class UnitNumbers:
             root = np.diag(std)
         else:
             values, vectors = np.linalg.eigh(correlation)
-            kept = values > NEGLIGIBLE * values[-1]
-            root = std[:, None] * (vectors[:, kept] * np.sqrt(values[kept]))
+            is_kept = values > NEGLIGIBLE * values[-1]
+            root = std[:, None] * (vectors[:, is_kept] * np.sqrt(values[is_kept]))
         return cls(columns, tuple(space.components[k] for k in columns), space.mean[columns], std, root)
 
     @cached_property
@@ -121,7 +121,7 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if isinstance(poses, PoseSet):
         if not poses.known.all():
-            raise InputError(f"{int((~poses.known).sum())} poses are not reached; leave them out")
+            raise InputError(f"{int((~poses.known).sum())} poses are not reached; omit them")
         return poses.q, poses.names
     values, names = model.configurations(poses)  # type: ignore[arg-type]
     if not values.shape[1]:
@@ -145,14 +145,14 @@ def stack_at_means(
         pose, error = station.at.posture.pose, station.at.error_at_means
         slopes = measurement.slopes(pose, error, zero)
         points[rows] = measurement.predict(pose, error[:, None], zero[:, None])[:, 0]
-        own = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
+        derivatives = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
         by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
         root = station.noise_root(by_error, np.tile(variances, len(rows)), visits)
-        white = scipy.linalg.solve_triangular(root, np.tile(own, (len(rows), 1)), lower=True)
+        white = scipy.linalg.solve_triangular(root, np.tile(derivatives, (len(rows), 1)), lower=True)
         parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
         by_z[rows], by_nuisance[rows] = parts
-    alone, deviations = np.zeros(count, dtype=np.intp), np.full(count, factor * measurement.std)
-    unseen = Instruments((measurement,)).unseen_turns(alone, points, deviations)
+    single_part, deviations = np.zeros(count, dtype=np.intp), np.full(count, factor * measurement.std)
+    unseen = Instruments((measurement,)).unseen_turns(single_part, points, deviations)
     return by_z, without(by_nuisance, unseen)
 
 
@@ -162,15 +162,15 @@ def without(derivatives: Array, unseen: Array) -> Array:
 
 
 def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
-    """Return derivatives ``(M, r)`` less what nuisances ``(M, k)`` explain, and how many of these are determined."""
+    """Return derivatives ``(M, r)`` without the part that nuisances ``(M, k)`` explain, and the rank of these."""
     if not by_nuisance.shape[1]:
         return by_z, 0
     basis, values, _ = np.linalg.svd(by_nuisance / _lengths(by_nuisance), full_matrices=False)
     rank = int((values > NEGLIGIBLE * values[0]).sum())
     basis = basis[:, :rank]
-    # twice, to remove the rounding of the first projection too
-    left = by_z - basis @ (basis.T @ by_z)
-    return left - basis @ (basis.T @ left), rank
+    # projected twice, to remove the rounding of the first projection
+    projected = by_z - basis @ (basis.T @ by_z)
+    return projected - basis @ (basis.T @ projected), rank
 
 
 def _lengths(columns: Array) -> Array:
@@ -179,12 +179,12 @@ def _lengths(columns: Array) -> Array:
 
 
 def set_up_of(by_nuisance: Array, readings: Array) -> Array:
-    """Return the least nuisances ``(k,)`` that explain whitened readings ``(M,)``.
+    """Return the nuisances ``(k,)`` of minimum norm that explain whitened readings ``(M,)``.
 
     Combinations that the readings do not determine to 1 m or 1 rad, such as the height of a target that hardly tilts, are zero.
     """
-    cut = 1 / max(1.0, float(np.linalg.norm(by_nuisance, 2)))
-    return np.asarray(np.linalg.lstsq(by_nuisance, readings, rcond=max(cut, NEGLIGIBLE))[0])
+    cutoff = 1 / max(1.0, float(np.linalg.norm(by_nuisance, 2)))
+    return np.asarray(np.linalg.lstsq(by_nuisance, readings, rcond=max(cutoff, NEGLIGIBLE))[0])
 
 
 def flat(stack: Array) -> Array:
@@ -193,15 +193,15 @@ def flat(stack: Array) -> Array:
 
 
 MOST_GROSS: Final = 0.2
-"""Share of readings beyond which they are no gross errors but a model that is wrong."""
+"""Fraction of readings beyond which the model is wrong, rather than the readings."""
 WEAKEST: Final = 1.0
 """Factor by which readings must beat a combination's tolerance for it to be estimated without a prior."""
 
 
 def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
     """Return z's covariance after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹``, P the nuisances' projector."""
-    left, _ = project_out(by_z, by_nuisance)
-    values, vectors = np.linalg.eigh(left.T @ left)
+    projected, _ = project_out(by_z, by_nuisance)
+    values, vectors = np.linalg.eigh(projected.T @ projected)
     return np.asarray((vectors / (1 + np.maximum(values, 0.0))) @ vectors.T)
 
 
@@ -211,8 +211,8 @@ class Estimator:
 
     Attributes:
         projected, nuisance_rank: ``by_z`` less what nuisances could explain, and how many nuisances are determined.
-        covariance, kept: Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r,
-            kept)``; all with a prior.
+        covariance, basis: Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r,
+            basis)``; all with a prior.
     """
 
     by_z: Array
@@ -220,39 +220,39 @@ class Estimator:
     projected: Array
     nuisance_rank: int
     covariance: Array
-    kept: Array
+    basis: Array
     has_prior: bool
 
     @classmethod
-    def of(cls, by_z: Array, by_nuisance: Array, *, has_prior: bool, kept: Array | None = None) -> Estimator:
-        """Return the estimator of whitened derivatives; without a prior, of combinations kept or determined."""
+    def of(cls, by_z: Array, by_nuisance: Array, *, has_prior: bool, basis: Array | None = None) -> Estimator:
+        """Return the estimator of whitened derivatives; without a prior, of the combinations ``basis`` (default: determined)."""
         projected, rank = project_out(by_z, by_nuisance)
         if has_prior:
-            kept, covariance = np.eye(by_z.shape[1]), covariance_with_prior(by_z, by_nuisance)
+            basis, covariance = np.eye(by_z.shape[1]), covariance_with_prior(by_z, by_nuisance)
         else:
-            if kept is None:
+            if basis is None:
                 _, values, rows = np.linalg.svd(projected, full_matrices=True)
-                kept = rows[: int((values > WEAKEST).sum())].T
-            _, triangle = np.linalg.qr(projected @ kept)
+                basis = rows[: int((values > WEAKEST).sum())].T
+            _, triangle = np.linalg.qr(projected @ basis)
             inverse = np.linalg.pinv(triangle, rcond=1e-12)
             # combinations that the readings do not determine keep their prior
-            covariance = kept @ inverse @ inverse.T @ kept.T + np.eye(len(kept)) - kept @ kept.T
-        return cls(by_z, by_nuisance, projected, rank, covariance, kept, has_prior)
+            covariance = basis @ inverse @ inverse.T @ basis.T + np.eye(len(basis)) - basis @ basis.T
+        return cls(by_z, by_nuisance, projected, rank, covariance, basis, has_prior)
 
     def estimate(self, readings: Array, low: Array | None = None, high: Array | None = None) -> Array:
         """Return z ``(r,)`` for whitened readings ``(M,)``, within bounds ``(r,)`` if given."""
         if not self.has_prior:
-            return np.asarray(self.covariance @ (self.kept @ (self.kept.T @ (self.projected.T @ readings))))
-        free: Array = self.covariance @ (self.projected.T @ readings)
-        if low is None or high is None or ((free >= low) & (free <= high)).all():
-            return free
-        rows = np.vstack([self.projected, np.eye(free.size)])
-        target = np.concatenate([readings, np.zeros(free.size)])
+            return np.asarray(self.covariance @ (self.basis @ (self.basis.T @ (self.projected.T @ readings))))
+        unbounded: Array = self.covariance @ (self.projected.T @ readings)
+        if low is None or high is None or ((unbounded >= low) & (unbounded <= high)).all():
+            return unbounded
+        rows = np.vstack([self.projected, np.eye(unbounded.size)])
+        target = np.concatenate([readings, np.zeros(unbounded.size)])
         # BVLS is exact at the bounds, and the problem is small
         return np.asarray(scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x)
 
     def nuisances(self, readings: Array) -> Array:
-        """Return the least nuisances ``(k,)`` that explain whitened readings ``(M,)`` less what z explains."""
+        """Return the nuisances ``(k,)`` of minimum norm that explain whitened readings ``(M,)`` without the part of z."""
         if not self.by_nuisance.shape[1]:
             return np.zeros(0)
         return set_up_of(self.by_nuisance, readings)
@@ -263,12 +263,12 @@ class Estimator:
         if self.by_nuisance.shape[1]:
             vectors, _, _ = np.linalg.svd(self.by_nuisance / _lengths(self.by_nuisance), full_matrices=False)
             basis = vectors[:, : self.nuisance_rank]
-        values, vectors = np.linalg.eigh(self.kept.T @ self.covariance @ self.kept)
-        root = self.kept @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+        values, vectors = np.linalg.eigh(self.basis.T @ self.covariance @ self.basis)
+        root = self.basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
         return np.hstack([basis, self.projected @ root])
 
-    def hold(self) -> Array:
-        """Return the residual matrix of whitened readings, ``(M, M)``: residuals = hold readings."""
+    def residual_projector(self) -> Array:
+        """Return the residual projector of whitened readings, ``(M, M)``."""
         root = self.leverage_root()
         return np.asarray(np.eye(len(root)) - root @ root.T)
 
@@ -278,18 +278,18 @@ class Estimator:
         inverse = np.linalg.pinv(self.by_nuisance, rcond=1e-12) if self.by_nuisance.size else self.by_nuisance.T
         through = inverse @ self.by_z
         cross = -self.covariance @ through.T
-        own = inverse @ inverse.T + through @ self.covariance @ through.T
-        return np.block([[self.covariance, cross], [cross.T, own]])
+        nuisance_covariance = inverse @ inverse.T + through @ self.covariance @ through.T
+        return np.block([[self.covariance, cross], [cross.T, nuisance_covariance]])
 
 
-def task_poses(model: ErrorModel, at: object, measured: Array) -> list[tuple[str, PoseModel]]:
+def task_poses(model: ErrorModel, at: object, measured_q: Array) -> list[tuple[str, PoseModel]]:
     """Return names and models of the user's own poses: those given, the model's named ones, or the measured ones."""
     if at is not None:
         values, names = read_poses(model, at)
     elif model.poses:
         values, names = np.array(list(model.poses.values())).T, tuple(model.poses)
     else:
-        values, names = measured, ("",) * measured.shape[1]
+        values, names = measured_q, ("",) * measured_q.shape[1]
     labels = [name or f"pose {k + 1}" for k, name in enumerate(names)]
     return list(zip(labels, model.at_columns(np.ascontiguousarray(values)), strict=True))
 
@@ -297,6 +297,7 @@ def task_poses(model: ErrorModel, at: object, measured: Array) -> list[tuple[str
 _ENTRY: Final = 1e-6
 """Entry of a projector that counts as zero."""
 _MOST_NAMED: Final = 4
+"""Maximum number of numbers or combinations that a message names."""
 
 
 @dataclass(frozen=True)
@@ -332,7 +333,7 @@ class Group(Record):
 
 @dataclass(frozen=True, eq=False)
 class Identifiability(Record):
-    """What readings determine of a model's U numbers drawn once for each robot.
+    """Identifiability of a model's U numbers that are drawn once per robot.
 
     Attributes:
         rank, singular_values: Number of independent combinations determined, and the singular values of the
@@ -384,19 +385,19 @@ class Identifiability(Record):
 
     @property
     def set_up_unseen(self) -> str:
-        """What no reading sees of the set-up, in words: a turn of the base by its axis in base axes, else combinations."""
+        """Description of the unseen part of the set-up: a rotation of the base about an axis, else combinations."""
         vector = np.linalg.eigh(self.set_up_projector)[1][:, -1]
-        shift, turn = vector[:3], vector[3:6]
+        shift, tilt = vector[:3], vector[3:6]
         is_one = (
             len(self.nuisances) - self.nuisance_rank == 1 and self.nuisances[3:4] and "base.rx" in self.nuisances[3]
         )
-        if is_one and np.abs(vector[6:]).max(initial=0.0) < _ENTRY and abs(shift @ turn) < _ENTRY < float(turn @ turn):
-            axis = turn / np.linalg.norm(turn) * np.sign(turn[int(np.argmax(np.abs(turn).round(9)))])
-            ends = 1e3 * np.cross(turn, shift) / (turn @ turn), axis
-            place, along = (" ".join(f"{x + 0.0:.4g}" for x in one.round(4)) for one in ends)
+        if is_one and np.abs(vector[6:]).max(initial=0.0) < _ENTRY and abs(shift @ tilt) < _ENTRY < float(tilt @ tilt):
+            axis = tilt / np.linalg.norm(tilt) * np.sign(tilt[int(np.argmax(np.abs(tilt).round(9)))])
+            line = 1e3 * np.cross(tilt, shift) / (tilt @ tilt), axis
+            place, along = (" ".join(f"{x + 0.0:.4g}" for x in values.round(4)) for values in line)
             return f"a turn of the base about the line through {place} mm along {along}"
-        alone = compress(self.nuisances, np.diag(self.set_up_projector) >= 1 - _ENTRY)
-        return some((*alone, *map(str, self.set_up_combinations)), _MOST_NAMED, "; ")
+        single_names = compress(self.nuisances, np.diag(self.set_up_projector) >= 1 - _ENTRY)
+        return some((*single_names, *map(str, self.set_up_combinations)), _MOST_NAMED, "; ")
 
     @property
     def is_complete(self) -> bool:
@@ -405,7 +406,7 @@ class Identifiability(Record):
 
 
 def identifiability(model: ErrorModel, poses: object, measurement: Measurement | None = None) -> Identifiability:
-    """Return which combinations of a model's unit-scope numbers measurements at some poses determine.
+    """Return the combinations of a model's unit-scope numbers that measurements at some poses determine.
 
     First order, at the numbers' means.
 
@@ -432,8 +433,8 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement |
 
 
 def determined_by(stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement) -> Identifiability:
-    """Return what the readings at some stations determine, at the means."""
-    # a number fixed by another is a combination too, so the columns are the numbers, not independent ones
+    """Return the identifiability from readings at some stations, at the means."""
+    # a number determined by another forms a combination too: columns are numbers, not independent ones
     plain = replace(unit, root=np.diag(unit.std))
     by_number, by_nuisance = stack_at_means(stations, plain, measurement)
     return of_stack(unit.names, flat(by_number), flat(by_nuisance), measurement.nuisances, len(by_number))
@@ -442,66 +443,66 @@ def determined_by(stations: Sequence[Station], unit: UnitNumbers, measurement: M
 def of_stack(
     names: tuple[str, ...], by_z: Array, by_nuisance: Array, nuisances: tuple[str, ...], poses: int
 ) -> Identifiability:
-    """Return what whitened derivatives ``(M, U)`` and ``(M, k)`` determine."""
+    """Return the identifiability from whitened derivatives ``(M, U)`` and ``(M, k)``."""
     projected, nuisance_rank = project_out(by_z, by_nuisance)
     if len(projected) > projected.shape[1]:
         _, projected = np.linalg.qr(projected)
-    _, found, rows = np.linalg.svd(projected, full_matrices=True)
+    _, singular_values, rows = np.linalg.svd(projected, full_matrices=True)
     scale = float(np.linalg.norm(by_z, 2))
-    rank = int((found > NEGLIGIBLE * scale).sum())
+    rank = int((singular_values > NEGLIGIBLE * scale).sum())
     null = rows[rank:]
     values = np.zeros(len(names))
-    values[: found.size] = found
+    values[: singular_values.size] = singular_values
     lengths, unseen = _lengths(by_nuisance), np.zeros((len(nuisances), 0))
     if nuisance_rank < len(nuisances):
         triangle = np.linalg.qr(by_nuisance / lengths, mode="r")
         unseen = np.linalg.qr(scipy.linalg.null_space(triangle, rcond=NEGLIGIBLE) / lengths[:, None])[0]
     parts = names, rank, values, null.T @ null, nuisances, nuisance_rank, unseen @ unseen.T
-    return Identifiability(*parts, observability(found[:rank], poses))
+    return Identifiability(*parts, observability(singular_values[:rank], poses))
 
 
-def refuse_where_nothing_is_seen(found: Identifiability) -> None:
+def check_identifiable(result: Identifiability) -> None:
     """Raise if readings determine no combination of the arm's numbers."""
-    if not found.rank:
-        free = ", or with the base known" if any(name.startswith("base") for name in found.nuisances) else ""
+    if not result.rank:
+        hint = ", or with the base known" if any(name.startswith("base") for name in result.nuisances) else ""
         raise InputError(
             "no reading sees any number that varies from robot to robot: there is nothing to estimate; "
-            f"measure at other poses, under another load, with another instrument{free}"
+            f"measure at other poses, under another load, with another instrument{hint}"
         )
 
 
-def remarks_on(found: Identifiability) -> Iterator[Finding]:
-    """Yield warnings about what the readings do not determine."""
-    if found.nuisance_rank < len(found.nuisances):
+def identifiability_warnings(result: Identifiability) -> Iterator[Finding]:
+    """Yield warnings about numbers that the readings do not determine."""
+    if result.nuisance_rank < len(result.nuisances):
         message = (
-            f"the poses determine {found.nuisance_rank} of the {len(found.nuisances)} unknown numbers of the set-up "
-            f"({', '.join(found.nuisances)}); not seen: {found.set_up_unseen}, which errors in the instrument's axes leave out; "
-            "add poses that differ more"
+            f"the poses determine {result.nuisance_rank} of the {len(result.nuisances)} unknown numbers of the set-up "
+            f"({', '.join(result.nuisances)}); not seen: {result.set_up_unseen}, which errors in the instrument's axes leave "
+            "out; add poses that differ more"
         )
         yield Finding("warning", "W_SETUP", message)
-    if not found.rank:
+    if not result.rank:
         message = (
             "no reading sees any number that varies from robot to robot; measure at other poses or another quantity"
         )
         yield Finding("warning", "W_UNOBSERVABLE", message)
-    elif found.unseen:
-        keeps = "they keep their tolerances" if len(found.unseen) > 1 else "it keeps its tolerance"
-        yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {some(found.unseen, 3)}; {keeps}")
+    elif result.unseen:
+        keeps = "they keep their tolerances" if len(result.unseen) > 1 else "it keeps its tolerance"
+        yield Finding("warning", "W_UNOBSERVABLE", f"no reading sees {some(result.unseen, 3)}; {keeps}")
 
 
-def rank_findings(found: Identifiability) -> Iterator[Finding]:
+def rank_findings(result: Identifiability) -> Iterator[Finding]:
     """Yield a warning if the readings do not determine every number, as a fit without a prior needs."""
-    if found.is_complete:
+    if result.is_complete:
         return
-    groups = [str(group) for group in found.combinations]
-    parts = [f"not seen at all: {some(found.unseen, _MOST_NAMED)}"] if found.unseen else []
+    groups = [str(group) for group in result.combinations]
+    parts = [f"not seen at all: {some(result.unseen, _MOST_NAMED)}"] if result.unseen else []
     parts += [f"only {some(groups, _MOST_NAMED, '; only ')}"] if groups else []
-    if found.nuisance_rank < len(found.nuisances):
+    if result.nuisance_rank < len(result.nuisances):
         parts.append(
-            f"{found.nuisance_rank} of the {len(found.nuisances)} numbers of the set-up ({some(found.nuisances, _MOST_NAMED)})"
+            f"{result.nuisance_rank} of the {len(result.nuisances)} numbers of the set-up ({some(result.nuisances, _MOST_NAMED)})"
         )
     message = (
-        f"without a prior, the readings determine {found.rank:,} combinations of {len(found.names):,} numbers: "
+        f"without a prior, the readings determine {result.rank:,} combinations of {len(result.names):,} numbers: "
         f"{'; '.join(parts)}; measure other poses, hold these numbers fixed, or keep the prior"
     )
     yield Finding("warning", "W_RANK", message)
@@ -518,8 +519,8 @@ def observability(singular_values: Array, poses: int) -> dict[str, float]:
 
 def subspaces(names: Sequence[str], projector: Array) -> tuple[Group, ...]:
     """Return the groups of numbers with only combinations determined, from the projector on what is not seen."""
-    share = np.diag(projector)
-    mixed = np.flatnonzero((share > _ENTRY) & (share < 1 - _ENTRY))
+    weights = np.diag(projector)
+    mixed = np.flatnonzero((weights > _ENTRY) & (weights < 1 - _ENTRY))
     if not mixed.size:
         return ()
     within = projector[np.ix_(mixed, mixed)]
@@ -530,9 +531,9 @@ def subspaces(names: Sequence[str], projector: Array) -> tuple[Group, ...]:
 
 def _group(names: tuple[str, ...], block: Array) -> Group:
     values, vectors = np.linalg.eigh(block)
-    missing, weights = int((values > 0.5).sum()), vectors[:, -1]
+    nullity, weights = int((values > 0.5).sum()), vectors[:, -1]
     weights = weights * np.sign(weights[int(np.argmax(np.abs(weights).round(9)))])
-    return Group(names, len(names) - missing, Combination(names, tuple(weights.tolist())) if missing == 1 else None)
+    return Group(names, len(names) - nullity, Combination(names, tuple(weights.tolist())) if nullity == 1 else None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -546,15 +547,15 @@ class Instruments:
     parts: tuple[Measurement, ...]
 
     def __post_init__(self) -> None:
-        first: dict[str, Measurement] = {}
+        owners: dict[str, Measurement] = {}
         for part in self.parts:
             target = "target" + (f"[{part.target_name}]" if part.target_name else "")
             for name in (*part.nuisances, f"{target}.x"):
-                other = first.setdefault(name, part)
-                key, is_same = "base_name", part.place == other.place
+                owner = owners.setdefault(name, part)
+                key, is_same = "base_name", part.place == owner.place
                 if name.startswith("target"):
-                    key, is_same = "target_name", part.target_known == other.target_known
-                    is_same &= part.target_known or part.target == other.target
+                    key, is_same = "target_name", part.target_known == owner.target_known
+                    is_same &= part.target_known or part.target == owner.target
                 if not is_same:
                     raise InputError(
                         f"two measurements share {name.partition('.')[0]} and say different things of it; "
@@ -563,13 +564,13 @@ class Instruments:
 
     @cached_property
     def nuisances(self) -> tuple[str, ...]:
-        """Names of all unknown numbers of the set-up, those of a base first."""
+        """Names of all unknown numbers of the set-up, bases first."""
         names = dict.fromkeys(name for part in self.parts for name in part.nuisances)
         return tuple(sorted(names, key=lambda name: not name.startswith("base")))
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.intp], ...]:
-        """Which of them each measurement has."""
+        """Nuisance columns of each measurement."""
         place = {name: k for k, name in enumerate(self.nuisances)}
         return tuple(np.array([place[name] for name in part.nuisances], dtype=np.intp) for part in self.parts)
 
@@ -579,37 +580,37 @@ class Instruments:
         They are about a line or a place, base axes, from which the points are less than two deviations away (root mean
         square), as at a gauge's two sockets. The arm is not as near to them, which is no knowledge of the base.
         """
-        names = [one.base_name if one.displaces_base else None for one in self.parts]
-        found = [np.zeros((len(self.nuisances), 0))]
+        names = [instrument.base_name if instrument.displaces_base else None for instrument in self.parts]
+        rotations = [np.zeros((len(self.nuisances), 0))]
         for name in dict.fromkeys(names):
-            chosen = [k for k, one in enumerate(names) if one == name]
-            rows = np.isin(part, chosen)
-            if name is None or not rows.any() or any(self.parts[k].kind == "pose" for k in chosen):
+            sharing = [k for k, base_name in enumerate(names) if base_name == name]
+            rows = np.isin(part, sharing)
+            if name is None or not rows.any() or any(self.parts[k].kind == "pose" for k in sharing):
                 continue
             centre = points[rows, :3].mean(axis=0)
             arms = (points[rows, :3] - centre) / deviations[rows, None]
             values, axes = np.linalg.eigh((arms**2).sum() * np.eye(3) - arms.T @ arms)
             axes = axes[:, values < 4 * len(arms)]
-            turns = np.zeros((len(self.nuisances), axes.shape[1]))
-            turns[self.columns[chosen[0]][:6]] = np.vstack([np.cross(centre, axes.T).T, axes])
-            found.append(turns)
-        return np.linalg.qr(np.hstack(found))[0]
+            columns = np.zeros((len(self.nuisances), axes.shape[1]))
+            columns[self.columns[sharing[0]][:6]] = np.vstack([np.cross(centre, axes.T).T, axes])
+            rotations.append(columns)
+        return np.linalg.qr(np.hstack(rotations))[0]
 
     def slopes(self, part: int, pose: Array, error: Array, nuisances: Array) -> Slopes:
         """Return the derivatives of a reading as :meth:`Measurement.slopes`, by all nuisances."""
-        own = self.parts[part].slopes(pose, error, nuisances[self.columns[part]])
-        whole = np.zeros((self.parts[part].size, nuisances.size))
-        whole[:, self.columns[part]] = own.nuisances
-        return Slopes(own.error, whole)
+        part_slopes = self.parts[part].slopes(pose, error, nuisances[self.columns[part]])
+        by_nuisance = np.zeros((self.parts[part].size, nuisances.size))
+        by_nuisance[:, self.columns[part]] = part_slopes.nuisances
+        return Slopes(part_slopes.error, by_nuisance)
 
 
 def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station, ...]:
     """Return a station for each different pose and load."""
     loads = [part.load for part in data.measurements]
-    own = np.array([loads.index(load) for load in loads])[data.part]
+    load_of_row = np.array([loads.index(load) for load in loads])[data.part]
     return tuple(
         Station(station.at, tuple(rows[list(station.rows)].tolist()))
-        for k, rows in ((k, np.flatnonzero(own == k)) for k in np.unique(own))
+        for k, rows in ((k, np.flatnonzero(load_of_row == k)) for k in np.unique(load_of_row))
         for station in stations_of(model, data.q[:, rows], data.measurements[k])
     )
 
@@ -634,18 +635,18 @@ class SetUp(Record):
 
     @classmethod
     def of(cls, measurement: Measurement, base: Array, nuisances: Array, variances: Array) -> SetUp:
-        """Return the set-up of the measurement's nuisances, estimated beside a first guess of the base, and their variances."""
-        shift, turn, target, _ = measurement.split(nuisances[:, None])
-        anchor = placed = plane = sockets = None
-        place, own = measurement.place, shift[:, 0]
+        """Return the set-up from nuisances and their variances, relative to a first guess of the base."""
+        shift, rotation, target, _ = measurement.split(nuisances[:, None])
+        anchor = fitted_base = plane = sockets = None
+        place, offset = measurement.place, shift[:, 0]
         if isinstance(place, Anchor):
-            anchor = np.array(place.place) + own
+            anchor = np.array(place.place) + offset
         elif isinstance(place, Plane):
-            plane = np.array(place.tilted(own))
+            plane = np.array(place.tilted(offset))
         elif isinstance(place, Sockets):
-            sockets = np.array(place.places) + own.reshape(-1, 3)
-        elif turn is not None:
-            placed = base @ se3.displacement(nuisances[:6])
+            sockets = np.array(place.places) + offset.reshape(-1, 3)
+        elif rotation is not None:
+            fitted_base = base @ se3.displacement(nuisances[:6])
         deviations = np.sqrt(np.maximum(variances, 0.0)).tolist()
         std = dict(zip(measurement.nuisances, deviations, strict=True))
-        return cls(placed, target[:, 0], anchor, plane, sockets, std)
+        return cls(fitted_base, target[:, 0], anchor, plane, sockets, std)

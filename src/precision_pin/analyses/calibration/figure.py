@@ -1,4 +1,4 @@
-"""A calibration in pictures, report and view: accuracy against effort, residuals, what was learned."""
+"""Figures, chapter and view layer of a calibration: accuracy against effort, residuals, estimates."""
 
 from __future__ import annotations
 
@@ -29,53 +29,56 @@ from precision_pin.render.scene import Chapter, Scene
 from precision_pin.render.tables import milli
 
 _HEIGHT: Final = 70.0
+"""Height of the axes, mm; title, legend and note are added."""
 _ROW: Final = 4.5
 """Height of a tolerance, mm."""
 _TOLERANCES: Final = 40
+"""Maximum number of tolerances in the figure, the largest."""
 _NAMED: Final = 6
-"""Most poses that are named, and most characters of a name."""
+"""Maximum number of poses with a name on the axis."""
 _NAME: Final = 14
+"""Maximum number of characters of a pose's name."""
 _NARROW: Final = 5.0
 """Width of a figure, in inches, below which a legend has two columns."""
 _LEAST: Final = 0.05
-"""Scale at which an interval that begins at zero is drawn to begin, of the smallest that is above."""
+"""Start of intervals that begin at zero, relative to the smallest positive scale."""
 
 
 def forecast_figure(result: CalibrationForecast) -> Figure:
     """Return the accuracy against the number of readings (left) and the instrument's deviation (right), 174 mm wide."""
     with figure_style.style():
-        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        left, right = made.subplots(1, 2, sharey=True)
-        _draw_curve(left, result, result.by_count, 1.0, "readings", float(result.readings))
+        figure = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        left_axes, right_axes = figure.subplots(1, 2, sharey=True)
+        _draw_curve(left_axes, result, result.by_count, 1.0, "readings", float(result.readings))
         of_instrument = "standard deviation of the instrument [µm]"
-        _draw_curve(right, result, result.by_instrument, 1e6, of_instrument, result.measurement.std)
-        left.set_ylabel("rms position error [mm]")
+        _draw_curve(right_axes, result, result.by_instrument, 1e6, of_instrument, result.measurement.std)
+        left_axes.set_ylabel("rms position error [mm]")
         of = result.provenance
         title = f"forecast of a calibration of {visible(of.robot, 60)}: {visible(of.base)} to {visible(of.tip)}"
-        _finish(made, left, title, f"{result.readings:,} readings of {describe_measurement(result.measurement)}")
-    return made
+        _finish(figure, left_axes, title, f"{result.readings:,} readings of {describe_measurement(result.measurement)}")
+    return figure
 
 
-def _finish(made: Figure, axes: Axes, title: str, note: str) -> None:
-    head = figure_style.wrapped(title, made)
-    made.suptitle("\n".join(head))
-    lines, entries = figure_style.wrapped(note, made), figure_style.labelled([axes])
-    is_narrow = made.get_figwidth() < _NARROW
+def _finish(figure: Figure, axes: Axes, title: str, note: str) -> None:
+    head = figure_style.wrapped(title, figure)
+    figure.suptitle("\n".join(head))
+    lines, entries = figure_style.wrapped(note, figure), figure_style.labelled([axes])
+    is_narrow = figure.get_figwidth() < _NARROW
     columns = min(len(entries), 2) if is_narrow else len(entries)
-    figure_style.legend_below(made, entries, columns, lines)
+    figure_style.legend_below(figure, entries, columns, lines)
     rows = len(head) + len(lines) + -(-len(entries) // max(columns, 1))
-    figure_style.set_height(made, _HEIGHT + rows * figure_style.LINE_HEIGHT)
+    figure_style.set_height(figure, _HEIGHT + rows * figure_style.LINE_HEIGHT)
 
 
 def _draw_curve(
-    axes: Axes, result: CalibrationForecast, points: Sequence[CurvePoint], per_si: float, label: str, here: float
+    axes: Axes, result: CalibrationForecast, points: Sequence[CurvePoint], per_si: float, label: str, current: float
 ) -> None:
     values = [point.value * per_si for point in points]
     axes.plot(values, [1e3 * point.rms_position for point in points], "o-", color=BLUE, markersize=2.5, label="after")
     axes.axhline(1e3 * result.rms("before"), color=BLACK, linewidth=0.8, label="before")
     if result.rms("floor") > 0:
         axes.axhline(1e3 * result.rms("floor"), color=VERMILION, linestyle="--", label="floor: repeatability")
-    axes.axvline(here * per_si, color=SKY, linestyle=":", label="as asked")
+    axes.axvline(current * per_si, color=SKY, linestyle=":", label="as asked")
     _log(axes, "x", "y")
     axes.set_xlabel(label)
 
@@ -94,33 +97,33 @@ def _log(axes: Axes, *names: str) -> None:
 def plan_figure(result: CalibrationPlan) -> Figure:
     """Return the efficiency of the choice and of random ones (left), and the error left at each pose, 174 mm wide."""
     with figure_style.style():
-        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        left, right = made.subplots(1, 2, width_ratios=(1, 2))
-        left.bar(["random", "chosen"], [100 * result.random_efficiency, 100 * result.efficiency], color=[SKY, BLUE])
-        left.axhline(100, color=BLACK, linewidth=0.8)
-        left.set_ylabel("of the best choice, at least [%]")
+        figure = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        bars, panel = figure.subplots(1, 2, width_ratios=(1, 2))
+        bars.bar(["random", "chosen"], [100 * result.random_efficiency, 100 * result.efficiency], color=[SKY, BLUE])
+        bars.axhline(100, color=BLACK, linewidth=0.8)
+        bars.set_ylabel("of the best choice, at least [%]")
         places = np.arange(len(result.poses)) + 1
-        for which, colour, marker in (("before", BLACK, "_"), ("after", BLUE, "o"), ("floor", VERMILION, "_")):
-            sizes = [1e3 * entry.rms(which) for entry in result.poses]
+        for key, colour, marker in (("before", BLACK, "_"), ("after", BLUE, "o"), ("floor", VERMILION, "_")):
+            sizes = [1e3 * entry.rms(key) for entry in result.poses]
             if max(sizes) > 0:
-                right.plot(places, sizes, marker, color=colour, label=which)
-        _log(right, "y")
+                panel.plot(places, sizes, marker, color=colour, label=key)
+        _log(panel, "y")
         if len(result.poses) <= _NAMED:
-            names = [figure_style.shortened(visible(one.name), _NAME) for one in result.poses]
-            right.set_xticks(places, names)
-            right.set_xlim(0.5, len(result.poses) + 0.5)
+            names = [figure_style.shortened(visible(entry.name), _NAME) for entry in result.poses]
+            panel.set_xticks(places, names)
+            panel.set_xlim(0.5, len(result.poses) + 0.5)
         else:
-            right.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
-        right.set_xlabel("pose where accuracy counts")
-        right.set_ylabel("rms position error [mm]")
+            panel.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
+        panel.set_xlabel("pose where accuracy counts")
+        panel.set_ylabel("rms position error [mm]")
         robot = visible(result.provenance.robot, 60)
         title = f"{result.count:,} of {result.candidates:,} poses of {robot} to measure"
-        _finish(made, right, title, describe_measurement(result.measurement))
-    return made
+        _finish(figure, panel, title, describe_measurement(result.measurement))
+    return figure
 
 
 def calibration_figure(result: CalibrationResult, width: float = figure_style.DOUBLE_COLUMN) -> Figure:
-    """Return the residuals of the readings before and after the calibration, and of each left out; so many mm wide."""
+    """Return the residuals of the readings before and after the calibration, and of the fit without each; ``width`` mm wide."""
     rows = np.array(result.data.lines)
     sizes = {
         "before": np.linalg.norm(result.residuals_before[:, :3], axis=1),
@@ -128,8 +131,8 @@ def calibration_figure(result: CalibrationResult, width: float = figure_style.DO
         "left out of the fit": np.linalg.norm(result.left_out[:, :3], axis=1),
     }
     with figure_style.style():
-        made = figure_style.new_figure(width)
-        axes = made.subplots()
+        figure = figure_style.new_figure(width)
+        axes = figure.subplots()
         for (label, values), colour, marker in zip(sizes.items(), (BLACK, BLUE, SKY), ("_", "o", "x"), strict=True):
             axes.plot(rows, 1e3 * np.maximum(values, 1e-12), marker, color=colour, markersize=3, label=label)
         gross = [error.reading for error in result.gross_errors]
@@ -142,53 +145,54 @@ def calibration_figure(result: CalibrationResult, width: float = figure_style.DO
         axes.set_ylabel("residual [mm]")
         title = f"{visible(result.provenance.robot, 60)}: {text.verdict_text(result)}; {text.VERDICTS[result.verdict]}"
         note = f"{measured_text(result)}; chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom"
-        _finish(made, axes, title, note)
-    return made
+        _finish(figure, axes, title, note)
+    return figure
 
 
 def population_figure(result: Population) -> Figure:
     """Return each measured tolerance over that of the sheet with its interval, the largest at the top, 174 mm wide."""
-    shown = sorted(result.tolerances, key=lambda one: one.scale)[-_TOLERANCES:]
-    least = _LEAST * min([1.0, *(one.scale for one in shown if one.scale > 0)])
+    entries = sorted(result.tolerances, key=lambda tolerance: tolerance.scale)[-_TOLERANCES:]
+    minimum = _LEAST * min([1.0, *(tolerance.scale for tolerance in entries if tolerance.scale > 0)])
     with figure_style.style():
-        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        axes = made.subplots()
-        for row, one in enumerate(shown):
-            colour = BLUE if one.agrees else VERMILION
-            most = one.high if np.isfinite(one.high) else 10 * max(one.scale, 1.0)
-            axes.plot([max(one.low, least), most], [row, row], "-", color=colour, linewidth=1)
-            axes.plot([max(one.scale, least)], [row], "o", color=colour, markersize=3)
+        figure = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        axes = figure.subplots()
+        for row, tolerance in enumerate(entries):
+            colour = BLUE if tolerance.agrees else VERMILION
+            maximum = tolerance.high if np.isfinite(tolerance.high) else 10 * max(tolerance.scale, 1.0)
+            axes.plot([max(tolerance.low, minimum), maximum], [row, row], "-", color=colour, linewidth=1)
+            axes.plot([max(tolerance.scale, minimum)], [row], "o", color=colour, markersize=3)
         axes.axvline(1.0, color=BLACK, linewidth=0.8)
         _log(axes, "x")
-        axes.set_ylim(-0.6, len(shown) - 0.4)
-        axes.set_yticks(range(len(shown)), [visible(" and ".join(one.names), 40) for one in shown])
+        axes.set_ylim(-0.6, len(entries) - 0.4)
+        axes.set_yticks(range(len(entries)), [visible(" and ".join(entry.names), 40) for entry in entries])
         axes.set_xlabel("measured standard deviation over that of the sheet")
         of = result.provenance
-        made.suptitle(f"tolerances of {result.robots:,} robots {visible(of.robot, 60)}")
+        figure.suptitle(f"tolerances of {result.robots:,} robots {visible(of.robot, 60)}")
         lines = figure_style.wrapped(
-            f"{100 * result.confidence:g} % intervals of the profile likelihood; orange: other than the sheet's", made
+            f"{100 * result.confidence:g} % intervals of the profile likelihood; orange: other than the sheet's", figure
         )
-        figure_style.legend_below(made, {}, 1, lines)
-        figure_style.set_height(made, 30 + _ROW * len(shown) + len(lines) * figure_style.LINE_HEIGHT)
-    return made
+        figure_style.legend_below(figure, {}, 1, lines)
+        figure_style.set_height(figure, 30 + _ROW * len(entries) + len(lines) * figure_style.LINE_HEIGHT)
+    return figure
 
 
 MOST_DRAWN: Final = 200
-"""The most readings of one page, the worst ones."""
+"""Maximum number of readings on a page, worst first."""
 _LARGEST: Final = 0.12
-"""Largest residual of a reading with weight at first, in lengths of the arm."""
+"""Initial length of the largest residual with weight, in lengths of the arm."""
 _LONGEST: Final = 0.2
 """Longest line, in lengths of the arm."""
 _FEW: Final = 60
-"""The most readings whose residuals before the calibration are shown at first."""
+"""Number of readings up to which residuals before the calibration are shown initially."""
 _ROUNDING: Final = 1e-12
-"""Residuals (m) below which a reading is where it is predicted."""
+"""Residuals (m) below which a reading equals its prediction."""
 _PER_METRE: Final = 1e3
+"""Residuals are shown in mm."""
 _LIMITED: Final = {
     "distance": "Only the part along the line of sight is measured, and drawn; that line is shown for the marked reading.",
     "plane": "Only the height over the plane is measured: lines are along its normal.",
 }
-"""What lines show of readings that have not three lengths."""
+"""Explanation of the lines of readings with fewer than three lengths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,15 +205,15 @@ class CalibrationLayer:
 
     @property
     def script(self) -> str:
-        """Script of the page beside this file."""
+        """Script of the page, from the file next to this one."""
         return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: CalibrationResult, *_: object) -> CalibrationLayer:
         """Return the layer of a calibration."""
         worst = WorstReadings.of(result, MOST_DRAWN)
-        counted = worst.sizes[~worst.is_gross & (worst.sizes > _ROUNDING)]
-        return cls(result, worst, ColourScale.of(np.append(counted, 0.0)))
+        sizes = worst.sizes[~worst.is_gross & (worst.sizes > _ROUNDING)]
+        return cls(result, worst, ColourScale.of(np.append(sizes, 0.0)))
 
     @property
     def name(self) -> str:
@@ -218,11 +222,11 @@ class CalibrationLayer:
 
     def draw(self, scene: Scene, length: float) -> None:
         """Add the predicted places as crosses; the scripts add the residuals."""
-        half = 0.004 * length
-        ends = [
-            point + sign * half * axis for point in self.worst.points.T for axis in np.eye(3) for sign in (-1.0, 1.0)
+        size = 0.004 * length
+        endpoints = [
+            point + sign * size * axis for point in self.worst.points.T for axis in np.eye(3) for sign in (-1.0, 1.0)
         ]
-        scene.segments((self.name, "predicted"), np.array(ends).T, (0.1, 0.1, 0.1, 1.0))
+        scene.segments((self.name, "predicted"), np.array(endpoints).T, (0.1, 0.1, 0.1, 1.0))
 
     def settings(self, length: float) -> dict[str, Any]:
         """Return places and residuals by x, y, z in m, worst first, and how many times too large they are drawn at first."""
@@ -242,25 +246,25 @@ class CalibrationLayer:
     def legend(self) -> str:
         """Return the section of the legend: the answer, the worst readings, the colours, and how large all is drawn."""
         result, worst = self.result, self.worst
-        said = "".join(f"<p>{escaped(line)}</p>" for line in text.headline(result))
-        count, drawn = len(result.data), len(worst.lines)
-        which = "the reading" if count == 1 else f"all {count:,} readings"
-        which = f"the worst {drawn:,} of {count:,} readings" if drawn < count else which
-        before = " checked" if drawn <= _FEW else ""
-        limited = " ".join(dict.fromkeys(_LIMITED.get(one.kind, "") for one in result.data.measurements))
+        paragraphs = "".join(f"<p>{escaped(line)}</p>" for line in text.headline(result))
+        count, shown_count = len(result.data), len(worst.lines)
+        subject = "the reading" if count == 1 else f"all {count:,} readings"
+        subject = f"the worst {shown_count:,} of {count:,} readings" if shown_count < count else subject
+        is_checked = " checked" if shown_count <= _FEW else ""
+        limits = " ".join(dict.fromkeys(_LIMITED.get(measurement.kind, "") for measurement in result.data.measurements))
         return (
-            f'<section aria-label="Calibration"><h2>Calibration: readings against predictions</h2>{said}'
+            f'<section aria-label="Calibration"><h2>Calibration: readings against predictions</h2>{paragraphs}'
             '<div class="controls"><p>The worst readings first, in mm and in standard deviations (std); press one to mark it:</p>'
             f'<ol class="readings">{self._buttons()}</ol></div>'
             f'<div id="calibration-bar"><h2>Residual after calibration, mm</h2>{self.scale.bar(_PER_METRE)}</div>'
             '<ul class="legend controls">'
             '<li><label><input type="checkbox" id="show-calibration" checked><i class="line measured"></i>'
-            f"<span>{escaped(which)}: line from the predicted place (cross) to the measured one (ball)</span></label></li>"
+            f"<span>{escaped(subject)}: line from the predicted place (cross) to the measured one (ball)</span></label></li>"
             f"{self._gross()}"
-            f'<li><label><input type="checkbox" id="calibration-before"{before}><i class="line thin"></i>'
+            f'<li><label><input type="checkbox" id="calibration-before"{is_checked}><i class="line thin"></i>'
             "<span>thin line: the same before calibration</span></label></li></ul>"
             '<p class="fine">Residuals are drawn at <span id="calibration-times"></span> times their size. Lines that would be '
-            f"longer than a fifth of the arm are cut; a thick one then has no ball. {escaped(limited)} The arm and the sampled "
+            f"longer than a fifth of the arm are cut; a thick one then has no ball. {escaped(limits)} The arm and the sampled "
             "robots are those of the sheet, before calibration.</p></section>"
         )
 
@@ -280,8 +284,8 @@ class CalibrationLayer:
     def _gross(self) -> str:
         if not self.worst.is_gross.any():
             return ""
-        words = "red: readings that fit no other and were given no weight"
-        return f'<li class="row"><i class="line gross"></i><span>{escaped(words)}</span></li>'
+        label = "red: readings that fit no other and were given no weight"
+        return f'<li class="row"><i class="line gross"></i><span>{escaped(label)}</span></li>'
 
 
 def _rounded(values: Array) -> list[float]:
@@ -290,7 +294,7 @@ def _rounded(values: Array) -> list[float]:
 
 
 _NUMBERS: Final = 60
-"""Most numbers of the table of what is learned."""
+"""Maximum number of numbers of the table of what is learned."""
 _SHOWN: Final = (
     "The arm in all other sections and in the 3-D view is that of the sheet, before this calibration. A report of the "
     "calibrated arm is made from the sheet that this command writes: ",
@@ -301,25 +305,25 @@ _SHOWN: Final = (
 
 def calibration_chapter(result: CalibrationResult) -> Chapter:
     """Return a calibration as a chapter; at its head whether it helps, whether the model fits, what is left, and gross errors."""
-    said = text.headline(result)
-    answers = [*said[:2], *said[3:]]
-    lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in answers)
+    sentences = text.headline(result)
+    summary = [*sentences[:2], *sentences[3:]]
+    lines = tuple(f"Calibration: {line[:1].lower()}{line[1:]}" for line in summary)
     return Chapter("calibration", "Calibration", _section(result), lines)
 
 
 def _section(result: CalibrationResult) -> Html:
-    said = text.headline(result)
+    sentences = text.headline(result)
     sheet = result.original.sheet
     of_sheet = () if sheet is None else sheet.findings
-    warnings = [one.message for one in result.findings if one not in of_sheet]
+    warnings = [finding.message for finding in result.findings if finding not in of_sheet]
     picture = inline_figure(
         calibration_figure(result, SINGLE_COLUMN),
         "calibration",
-        f"Residuals of {len(result.data):,} readings before and after the calibration: {said[0]} {said[1]}",
+        f"Residuals of {len(result.data):,} readings before and after the calibration: {sentences[0]} {sentences[1]}",
         "Residual of each reading: before the calibration, after it, and of a fit without that reading.",
     )
     parts: list[Child] = [
-        items(said),
+        items(sentences),
         paragraph(*_SHOWN),
         paragraph(f"{text.measured_text(result)}.", class_="note"),
         *([] if result.has_prior else [paragraph(f"{text.NO_PRIOR.capitalize()}.", class_="note")]),
@@ -353,9 +357,9 @@ def _poses(result: CalibrationResult) -> list[Child]:
 
 def _numbers(result: CalibrationResult) -> list[Child]:
     rows, count = text.estimate_rows(result, _NUMBERS), len(result.posterior.names)
-    which = "The numbers" if count <= _NUMBERS else f"The {_NUMBERS} of {count:,} numbers of which most is learned"
+    caption = "The numbers" if count <= _NUMBERS else f"The {_NUMBERS} of {count:,} numbers of which most is learned"
     body = joined(
-        [table(f"{which}, most learned first", rows[0], rows[1:]), paragraph(f"{text.LEARNED}.", class_="note")]
+        [table(f"{caption}, most learned first", rows[0], rows[1:]), paragraph(f"{text.LEARNED}.", class_="note")]
     )
     return [element("details", element("summary", f"What was learned of {count:,} numbers"), body)]
 

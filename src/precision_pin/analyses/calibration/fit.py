@@ -1,4 +1,4 @@
-"""The fit of the exact model to readings: Gauss-Newton steps within bounds, and what to doubt after it.
+"""Fit of the exact model to readings: Gauss-Newton steps within bounds, and warnings about the result.
 
 It minimises ``|R^(-1/2) (y - h(q; x, n))|² + |z|²`` over z, with ``x = μ + L z``, and the nuisances n; without a prior only
 the first part, over the combinations of z that the readings determine. Derivatives are those of the displaced chain at the
@@ -47,23 +47,25 @@ from precision_pin.sheet.measurement import Slopes
 
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 STEPS: Final = 60
+"""Gauss-Newton steps after which a fit that has not converged is rejected."""
 _SETTLED: Final = 1e-8
-"""Largest change of z, and of whitened nuisances, at which the estimate has settled."""
+"""Largest change of z, and of whitened nuisances, at which the estimate has converged."""
 _SMALL: Final = 1e-5
-"""Change of z below which the derivatives of the last step serve for the next ones: they cost more than residuals."""
+"""Change of z below which derivatives are reused, because they cost more than residuals."""
 _HALVINGS: Final = 30
+"""Halvings of a step, down to 2e-9 of it."""
 _TRIED_STEPS: Final = 8
-"""Steps of a fit that only shows which readings, if any, are not explained."""
+"""Steps of a fit that only searches for unexplained readings."""
 _GROSS: Final = 1e-3
-"""Probability that any right reading of a set is taken for a gross error."""
+"""Probability that any correct reading of a set is classified as a gross error."""
 _MOST_LEFT_OUT: Final = 0.4
-"""Share of readings that a fit may leave out to find on what most agree."""
+"""Fraction of readings that the search for a consensus may omit."""
 FARTHEST: Final = 50.0
-"""Root mean square of whitened residuals of most readings beyond which data are refused."""
+"""Root mean square of whitened residuals of most readings beyond which data are rejected."""
 ODD: Final = 5.0
 """Root mean square of whitened residuals beyond which gross errors, and then another unit of the joint values, are sought."""
 _ALONE: Final = 1e-9
-"""Share of a group's readings that the others leave free, below which the group alone determines something."""
+"""Fraction of a group's readings left free by the others, below which the group alone determines a combination."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +118,10 @@ class Problem:
         deviations = np.ones(data.readings.shape)
         for k, part in enumerate(data.measurements):
             rows = np.flatnonzero(data.part == k)
-            given = data.std[rows] if data.std.size else np.full(rows.size, part.std)
-            # of a std that is to be estimated the file's say only how they are to each other
-            usual = part.std if part.std_known else np.sqrt((given**2).mean())
-            deviations[rows, : part.size] = part.deviations * (given / usual)[:, None]
+            stds = data.std[rows] if data.std.size else np.full(rows.size, part.std)
+            # if std is estimated, the file's values give only the ratios
+            reference_std = part.std if part.std_known else np.sqrt((stds**2).mean())
+            deviations[rows, : part.size] = part.deviations * (stds / reference_std)[:, None]
         readings = readings_in_base(data, poses, bases)
         return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
 
@@ -130,39 +132,39 @@ class Problem:
 
     @cached_property
     def sizes(self) -> NDArray[np.intp]:
-        """How many numbers each reading has, ``(P,)``."""
+        """Number of components of each reading, ``(P,)``."""
         return np.array([part.size for part in self.instruments.parts])[self.part]
 
     @cached_property
     def places(self) -> tuple[Places, ...]:
         """Row and column in the readings of every number read at a station, in the order of its whitened numbers."""
-        listed = ((np.array(station.rows), self.sizes[list(station.rows)]) for station in self.stations)
-        return tuple((np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])) for rows, sizes in listed)
+        station_rows = ((np.array(station.rows), self.sizes[list(station.rows)]) for station in self.stations)
+        return tuple((np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])) for rows, sizes in station_rows)
 
     @cached_property
     def spans(self) -> tuple[slice, ...]:
-        """Where the whitened numbers of each station lie."""
-        ends = np.cumsum([0, *(len(rows) for rows, _ in self.places)]).tolist()
-        return tuple(slice(first, last) for first, last in pairwise(ends))
+        """Rows of each station's whitened components."""
+        bounds = np.cumsum([0, *(len(rows) for rows, _ in self.places)]).tolist()
+        return tuple(slice(start, stop) for start, stop in pairwise(bounds))
 
     @cached_property
     def labels(self) -> tuple[NDArray[np.intp], ...]:
-        """What every number read at a station is of: equal for repeated readings of one number."""
+        """Identity of each component measured at a station; equal for repeated readings of one component."""
         width = self.readings.shape[1]
         return tuple(self.part[rows] * width + columns for rows, columns in self.places)
 
     @cached_property
     def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
-        """Which numbers ``(P, m)`` have a standard deviation to be estimated, by the name of that deviation; refuse two kinds."""
-        unknown = [part for part in self.instruments.parts if not part.std_known]
-        if len({part.kind for part in unknown}) > 1:
-            raise InputError("std: estimate is for readings of one kind; give the std of the others")
-        found: dict[str, NDArray[np.bool_]] = {}
+        """Masks ``(P, m)`` of components whose standard deviation is estimated, by its name; raise for two kinds."""
+        uncalibrated = [part for part in self.instruments.parts if not part.std_known]
+        if len({part.kind for part in uncalibrated}) > 1:
+            raise InputError("std: estimate works for one kind of readings only; give the std of the others")
+        masks: dict[str, NDArray[np.bool_]] = {}
         for k, part in enumerate(self.instruments.parts):
             for name, mask in part.unknown_deviations.items():
-                all_numbers = found.setdefault(name, np.zeros(self.readings.shape, dtype=bool))
+                all_numbers = masks.setdefault(name, np.zeros(self.readings.shape, dtype=bool))
                 all_numbers[np.ix_(self.part == k, np.flatnonzero(mask))] = True
-        return found
+        return masks
 
     @cached_property
     def roots(self) -> tuple[Array, ...]:
@@ -180,12 +182,12 @@ class Problem:
         """Return the derivatives of all numbers read at a station, ``(M, 6)`` and ``(M, k)``, where the tip's error is given."""
         parts = self.part[list(station.rows)].tolist()
         pose = station.at.posture.pose
-        found = {part: self.instruments.slopes(part, pose, error, nuisances) for part in dict.fromkeys(parts)}
-        return Slopes(*(np.concatenate(each) for each in zip(*(found[part] for part in parts), strict=True)))
+        part_slopes = {part: self.instruments.slopes(part, pose, error, nuisances) for part in dict.fromkeys(parts)}
+        return Slopes(*(np.concatenate(blocks) for blocks in zip(*(part_slopes[part] for part in parts), strict=True)))
 
     @cached_property
     def unseen_turns(self) -> Array:
-        """Turns of bases that the readings do not tell, ``(k, f)``."""
+        """Rotations of bases that the readings do not determine, ``(k, f)``."""
         rows = [row for station in self.stations for row in station.rows]
         return self.instruments.unseen_turns(self.part[rows], self.readings[rows], self.deviations[rows, 0])
 
@@ -196,8 +198,8 @@ class Problem:
         size = unit.root.shape[1]
         if not unit.is_independent:
             return np.full(size, -np.inf), np.full(size, np.inf)
-        ends = [bounds_of(draw.law, k) for draw in self.model.space.draws for k in range(draw.law.size)]
-        low, high = (np.array(ends)[unit.columns].T - unit.mean) / unit.std
+        limits = [bounds_of(draw.law, k) for draw in self.model.space.draws for k in range(draw.law.size)]
+        low, high = (np.array(limits)[unit.columns].T - unit.mean) / unit.std
         return low, high
 
     @property
@@ -207,23 +209,23 @@ class Problem:
 
     def without(self, rows: Collection[int]) -> Problem:
         """Return the problem without some readings, which keep their places in the arrays."""
-        kept = (Station(one.at, tuple(row for row in one.rows if row not in rows)) for one in self.stations)
-        return replace(self, stations=tuple(station for station in kept if station.rows))
+        reduced = (Station(part.at, tuple(row for row in part.rows if row not in rows)) for part in self.stations)
+        return replace(self, stations=tuple(part for part in reduced if part.rows))
 
     @cached_property
-    def _last(self) -> list[_AtStations]:
+    def _cached_points(self) -> list[_AtStations]:
         return []
 
-    def _at(self, z: Array) -> _AtStations:
-        """Return the model at z; the last one is kept, since residuals and derivatives are asked for at the same z in turn."""
+    def _points_at(self, z: Array) -> _AtStations:
+        """Return the model at z; the last one is cached, since residuals and derivatives are evaluated at the same z."""
         x = self.unit.components(self.model.space, z[:, None])
-        if not self._last or self._last[0].x.tobytes() != x.tobytes():
-            self._last[:] = [_AtStations(self.stations, x)]
-        return self._last[0]
+        if not self._cached_points or self._cached_points[0].x.tobytes() != x.tobytes():
+            self._cached_points[:] = [_AtStations(self.stations, x)]
+        return self._cached_points[0]
 
     def residuals(self, z: Array, nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``."""
-        return self.residuals_of(self._at(z).errors, nuisances)
+        return self.residuals_of(self._points_at(z).errors, nuisances)
 
     def residuals_of(self, errors: list[Array], nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``, for the error ``(6, 1)`` at each station."""
@@ -233,33 +235,33 @@ class Problem:
             predicted: dict[int, Array] = {}
             for row in station.rows:
                 part = int(self.part[row])
-                measurement, own = self.instruments.parts[part], nuisances[self.instruments.columns[part], None]
+                measurement, values = (self.instruments.parts[part], nuisances[self.instruments.columns[part], None])
                 if part not in predicted:
-                    predicted[part] = measurement.predict(pose, error, own)
+                    predicted[part] = measurement.predict(pose, error, values)
                 reading = self.readings[row, : measurement.size, None]
                 result[row, : measurement.size] = measurement.residual(reading, predicted[part])[:, 0]
         return result
 
     def whiten(self, values: Array) -> Array:
         """Return ``R^(-1/2)`` times ``(P, m, …)``, as ``(M, …)`` with the rows of each station together."""
-        stacked = np.concatenate(
+        white = np.concatenate(
             [
                 scipy.linalg.solve_triangular(root, values[places].reshape(len(root), -1), lower=True)
                 for places, root in zip(self.places, self.roots, strict=True)
             ]
         )
-        return stacked[:, 0] if values.ndim == 2 else stacked
+        return white[:, 0] if values.ndim == 2 else white
 
     def slopes(self, z: Array, nuisances: Array, *, plain: bool = False) -> tuple[Array, Array]:
         """Return whitened derivatives of the readings by z (plain: by each number over its prior std) and by the nuisances."""
         root = np.diag(self.unit.std) if plain else self.unit.root
         size = root.shape[1]
-        whole = np.zeros((*self.readings.shape, size + nuisances.size))
-        at = self._at(z)
+        derivatives = np.zeros((*self.readings.shape, size + nuisances.size))
+        at = self._points_at(z)
         for station, places, error, jacobian in zip(self.stations, self.places, at.errors, at.jacobians, strict=True):
-            found = self.slopes_at(station, error[:, 0], nuisances)
-            whole[places] = np.hstack([found.error @ jacobian[:, self.unit.columns] @ root, found.nuisances])
-        white = self.whiten(whole)
+            parts = self.slopes_at(station, error[:, 0], nuisances)
+            derivatives[places] = np.hstack([parts.error @ jacobian[:, self.unit.columns] @ root, parts.nuisances])
+        white = self.whiten(derivatives)
         return white[:, :size], without(white[:, size:], self.unseen_turns)
 
     @property
@@ -270,7 +272,7 @@ class Problem:
 
     @cached_property
     def consensus(self) -> Consensus:
-        """What most readings agree on, with the sheet as prior.
+        """Consensus of the readings, with the sheet as prior.
 
         Least trimmed squares (Rousseeuw 1984): the readings to leave out first are the farthest in a linear fit that they
         hardly pull, then those that the exact fit of the others does not explain.
@@ -278,46 +280,46 @@ class Problem:
         z, nuisances = np.zeros(self.unit.root.shape[1]), self.start
         white, numbers = self.whiten(self.residuals(z, nuisances)), np.concatenate([rows for rows, _ in self.places])
         sizes = reweighed_sizes(white, *self.slopes(z, nuisances), numbers)
-        scale, most = float(np.sqrt((sizes**2).mean())), int(_MOST_LEFT_OUT * len(sizes))
+        scale, limit = float(np.sqrt((sizes**2).mean())), int(_MOST_LEFT_OUT * len(sizes))
         if sizes.max() <= ODD:
             return Consensus({}, scale, ())
-        gross = dict.fromkeys(np.argsort(-sizes)[:most].tolist(), np.inf)
+        gross = dict.fromkeys(np.argsort(-sizes)[:limit].tolist(), np.inf)
         for _ in range(REWEIGHED):
             try:
-                best = Descent(self.without(gross), has_prior=True, at=(z, nuisances)).fit(_TRIED_STEPS)
+                fit = Descent(self.without(gross), has_prior=True, at=(z, nuisances)).fit(_TRIED_STEPS)
             except InputError:  # an error turns a place by half a turn
                 return Consensus({}, scale, ())
-            scale = float(np.sqrt(best.chi_square / max(best.degrees_of_freedom, 1)))
-            z, nuisances = best.z, best.nuisances
-            (distance, excess), before = self.outlying(best, gross), gross.keys()
-            gross = {row: float(distance[row]) for row in np.argsort(-excess)[:most].tolist() if excess[row] > 1}
-            if gross.keys() == before:
+            scale = float(np.sqrt(fit.chi_square / max(fit.degrees_of_freedom, 1)))
+            z, nuisances = fit.z, fit.nuisances
+            (distance, excess), previous = self.outlying(fit, gross), gross.keys()
+            gross = {row: float(distance[row]) for row in np.argsort(-excess)[:limit].tolist() if excess[row] > 1}
+            if gross.keys() == previous:
                 break
         if len(gross) <= MOST_GROSS * len(sizes):
             return Consensus(gross, scale, ())
         return Consensus({}, scale, tuple(sorted(row for row in gross if distance[row] > FARTHEST**2)))
 
-    def outlying(self, best: Fit, gross: Collection[int]) -> tuple[Array, Array]:
+    def outlying(self, fit: Fit, gross: Collection[int]) -> tuple[Array, Array]:
         """Return squared sizes ``(P,)``, in standard deviations, about a fit without each and without gross errors, over limits.
 
         The second are ratios to what one right set of readings in a thousand exceeds, wider where half of the others do.
         """
-        distance, left_out = best.left_out.distance.copy(), list(gross)
+        distance, left_out = fit.left_out.distance.copy(), list(gross)
         if left_out:
-            deviations = self.reading_deviations(best)[left_out]
-            off = self.residuals(best.z, best.nuisances)[left_out] / np.where(deviations > 0, deviations, 1.0)
-            distance[left_out] = (off**2).sum(axis=1)
+            deviations = self.reading_deviations(fit)[left_out]
+            scaled = self.residuals(fit.z, fit.nuisances)[left_out] / np.where(deviations > 0, deviations, 1.0)
+            distance[left_out] = (scaled**2).sum(axis=1)
         limit, middle = stats.chi2.isf(_GROSS / len(distance), self.sizes), stats.chi2.median(self.sizes)
         return distance, distance / limit / max(1.0, float(np.median(np.delete(distance / middle, left_out))))
 
-    def reading_deviations(self, best: Fit) -> Array:
+    def reading_deviations(self, fit: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
-        estimator, result = best.estimator, np.zeros_like(self.readings)
+        estimator, result = fit.estimator, np.zeros_like(self.readings)
         is_whole = len(estimator.by_z) == self.spans[-1].stop
-        white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(best.z, best.nuisances)
+        white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(fit.z, fit.nuisances)
         for _, places, span, root in self.at_stations:
-            own = root @ np.hstack([part[span] for part in white])
-            variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", own, estimator.joint_covariance, own)
+            slopes = root @ np.hstack([part[span] for part in white])
+            variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", slopes, estimator.joint_covariance, slopes)
             result[places] = np.sqrt(variances)
         return result
 
@@ -342,7 +344,7 @@ class LeftOut(NamedTuple):
 
 
 class Consensus(NamedTuple):
-    """What most readings agree on.
+    """Readings on which most others do not agree, and the scale of the residuals.
 
     Attributes:
         gross: Readings that a fit of the others does not explain, with the squares of their sizes in standard deviations; none
@@ -382,7 +384,7 @@ class Fit(NamedTuple):
 
 
 class Descent:
-    """Steps of a fit, from the means or the point given; it can go on after an estimate was taken.
+    """Steps of a fit from the means or a given point; it can continue after an estimate.
 
     Attributes:
         problem, has_prior: What is fitted.
@@ -392,23 +394,23 @@ class Descent:
     def __init__(self, problem: Problem, *, has_prior: bool, at: tuple[Array, Array] | None = None) -> None:
         self.problem, self.has_prior, self.steps = problem, has_prior, 0
         self._z, self._nuisances = at or (np.zeros(problem.unit.root.shape[1]), problem.start)
-        self._white, self._cost = self._measured(self._z, self._nuisances)
-        # without a prior the combinations to estimate are those at the means, the same at every step
-        self._kept = None if has_prior else self._estimator().kept
-        self._last: Estimator | None = None
+        self._white, self._cost = self._evaluate(self._z, self._nuisances)
+        # without a prior the combinations to estimate are those at the means, at every step
+        self._basis = None if has_prior else self._estimator().basis
+        self._last_estimator: Estimator | None = None
         self._size, self._is_settled = np.inf, False
 
-    def _measured(self, z: Array, nuisances: Array) -> tuple[Array, float]:
+    def _evaluate(self, z: Array, nuisances: Array) -> tuple[Array, float]:
         """Return whitened residuals, and the cost."""
         white = self.problem.whiten(self.problem.residuals(z, nuisances))
         return white, float(white @ white) + (float(z @ z) if self.has_prior else 0.0)
 
-    def _estimator(self, kept: Array | None = None) -> Estimator:
+    def _estimator(self, basis: Array | None = None) -> Estimator:
         slopes = self.problem.slopes(self._z, self._nuisances)
-        return Estimator.of(*slopes, has_prior=self.has_prior, kept=kept)
+        return Estimator.of(*slopes, has_prior=self.has_prior, basis=basis)
 
     def fit(self, steps: int = STEPS) -> Fit:
-        """Return the estimate after a number of steps in all, or when it has settled; refuse one that does not."""
+        """Return the estimate after a total number of steps or at convergence; raise if it does not converge."""
         while not self._is_settled and self.steps < steps:
             self._step()
         if not self._is_settled and steps >= STEPS:
@@ -420,38 +422,38 @@ class Descent:
 
     def _step(self) -> None:
         self.steps += 1
-        if self._last is None or self._size > _SMALL:
-            self._last = self._estimator(self._kept)
-        estimator, z, nuisances = self._last, self._z, self._nuisances
+        if self._last_estimator is None or self._size > _SMALL:
+            self._last_estimator = self._estimator(self._basis)
+        estimator, z, nuisances = self._last_estimator, self._z, self._nuisances
         target = self._white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
-        better = estimator.estimate(target, *self.problem.bounds)
-        change, other_change = better - z, estimator.nuisances(target - estimator.by_z @ better) - nuisances
-        self._size = max(np.abs(change).max(initial=0.0), np.abs(estimator.by_nuisance @ other_change).max(initial=0.0))
+        new_z = estimator.estimate(target, *self.problem.bounds)
+        z_step, n_step = new_z - z, estimator.nuisances(target - estimator.by_z @ new_z) - nuisances
+        self._size = max(np.abs(z_step).max(initial=0.0), np.abs(estimator.by_nuisance @ n_step).max(initial=0.0))
         # the step is halved until the cost does not rise
-        for share in 0.5 ** np.arange(_HALVINGS):
-            new, other = z + share * change, nuisances + share * other_change
+        for fraction in 0.5 ** np.arange(_HALVINGS):
+            trial_z, trial_nuisances = z + fraction * z_step, nuisances + fraction * n_step
             try:
-                there, value = self._measured(new, other)
+                trial_white, trial_cost = self._evaluate(trial_z, trial_nuisances)
             except InputError:  # an error turns a place by half a turn
                 continue
             # rounding of the sum must not hold up the last steps
-            if value <= self._cost * (1 + 1e-9) + 1e-9:
-                self._z, self._nuisances, self._white, self._cost = new, other, there, value
+            if trial_cost <= self._cost * (1 + 1e-9) + 1e-9:
+                self._z, self._nuisances, self._white, self._cost = trial_z, trial_nuisances, trial_white, trial_cost
                 break
         self._is_settled = bool(self._size < _SETTLED * (1 + np.abs(self._z).max(initial=0.0)))
 
     def _estimate(self) -> Fit:
         problem, z, nuisances, white, cost = self.problem, self._z, self._nuisances, self._white, self._cost
-        estimator = self._estimator(self._kept)
+        estimator = self._estimator(self._basis)
         residuals = problem.residuals(z, nuisances)
-        degrees = len(white) - estimator.nuisance_rank - (0 if self.has_prior else estimator.kept.shape[1])
+        degrees = len(white) - estimator.nuisance_rank - (0 if self.has_prior else estimator.basis.shape[1])
         at_bounds, local = tuple[str, ...](), estimator
         if self.has_prior and problem.unit.is_independent:
             low, high = problem.bounds
-            held = (z <= low) | (z >= high)
-            at_bounds = tuple(compress(problem.unit.names, held))
-            if at_bounds:  # what stops at a bound does not follow the readings
-                local = Estimator.of(estimator.by_z[:, ~held], estimator.by_nuisance, has_prior=True)
+            is_at_bound = (z <= low) | (z >= high)
+            at_bounds = tuple(compress(problem.unit.names, is_at_bound))
+            if at_bounds:  # numbers at a bound do not follow the readings
+                local = Estimator.of(estimator.by_z[:, ~is_at_bound], estimator.by_nuisance, has_prior=True)
         without_bounds = estimator.estimate(white + estimator.by_z @ z) if at_bounds else z
         left_out = leave_out(problem, estimator, local, residuals, np.arange(len(residuals)))
         return Fit(
@@ -470,52 +472,52 @@ def leave_out(
     """
     shape = residuals.shape
     inverses = (scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots)
-    inverse = scipy.sparse.block_diag([scipy.sparse.coo_array(one) for one in inverses], format="csr")
+    inverse = scipy.sparse.block_diag([scipy.sparse.coo_array(matrix) for matrix in inverses], format="csr")
     pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
-    throughs = [inverse.T @ one.leverage_root() for one in (estimator, *([] if local is estimator else [local]))]
+    throughs = [inverse.T @ part.leverage_root() for part in (estimator, *([] if local is estimator else [local]))]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
-    found = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
-    shared, alone, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
+    result = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
+    shared, squares, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
     for group in np.unique(groups[rows]):
-        own = np.flatnonzero(groups[rows] == group)
-        block = noise[own][:, own].toarray()
-        covariances, seen = zip(*(_of_group(block, through[own]) for through in throughs), strict=True)
-        left, scale = covariances[-1] @ pull[own], 1 / np.sqrt(np.diag(block))
-        found.values[rows[own], columns[own]] = left
-        found.std[rows[own], columns[own]] = np.sqrt(np.diag(covariances[0]))
-        for row in np.unique(rows[own]):
-            mine = rows[own] == row
-            unit, white = scale[mine], left[mine] / scale[mine]
-            covariance = covariances[0][np.ix_(mine, mine)] / np.outer(unit, unit)
-            weighed = np.linalg.pinv(covariance, rcond=1e-9, hermitian=True)
-            found.distance[row] = max(float(white @ weighed @ white), 0.0)
-            found.is_predicted[row] = all(seen)
-        if all(seen):
+        cells = np.flatnonzero(groups[rows] == group)
+        block = noise[cells][:, cells].toarray()
+        covariances, checks = zip(*(_group_covariance(block, through[cells]) for through in throughs), strict=True)
+        residual, scale = covariances[-1] @ pull[cells], 1 / np.sqrt(np.diag(block))
+        result.values[rows[cells], columns[cells]] = residual
+        result.std[rows[cells], columns[cells]] = np.sqrt(np.diag(covariances[0]))
+        for row in np.unique(rows[cells]):
+            is_of_row = rows[cells] == row
+            unit, white = scale[is_of_row], residual[is_of_row] / scale[is_of_row]
+            covariance = covariances[0][np.ix_(is_of_row, is_of_row)] / np.outer(unit, unit)
+            precision = np.linalg.pinv(covariance, rcond=1e-9, hermitian=True)
+            result.distance[row] = max(float(white @ precision @ white), 0.0)
+            result.is_predicted[row] = all(checks)
+        if all(checks):
             # of u and v, left out and white, the covariance is V_u V_vᵀ: the sum of its squares over all pairs is that of ΣVᵀV
-            spread, weight = throughs[0][own].T @ covariances[0] @ throughs[0][own], np.unique(rows[own]).size
-            shared += weight / np.sqrt(own.size) * spread
-            alone += weight**2 * (1 - (spread**2).sum() / own.size)
+            spread, weight = (throughs[0][cells].T @ covariances[0] @ throughs[0][cells], np.unique(rows[cells]).size)
+            shared += weight / np.sqrt(cells.size) * spread
+            squares += weight**2 * (1 - (spread**2).sum() / cells.size)
             count += weight
-    return found._replace(trials=count**2 / (alone + float((shared**2).sum())) if count else 0.0)
+    return result._replace(trials=count**2 / (squares + float((shared**2).sum())) if count else 0.0)
 
 
-def _of_group(block: Array, through: Array) -> tuple[Array, bool]:
-    """Return the covariance of a group that is left out, and whether the others determine all of it."""
-    # lengths and angles side by side: in units of each number's own precision
+def _group_covariance(block: Array, through: Array) -> tuple[Array, bool]:
+    """Return the covariance of a left-out group, and whether the others determine all of it."""
+    # scaled to each component's precision, since lengths and angles are mixed
     scale = np.sqrt(np.diag(block))
     values, vectors = np.linalg.eigh((block - through @ through.T) / np.outer(scale, scale))
     # what a group alone determines has no residual
-    seen = values > _ALONE
-    vectors = vectors[:, seen] / scale[:, None]
-    return (vectors / values[seen]) @ vectors.T, bool(seen.all())
+    is_determined = values > _ALONE
+    vectors = vectors[:, is_determined] / scale[:, None]
+    return (vectors / values[is_determined]) @ vectors.T, bool(is_determined.all())
 
 
 DOUBTFUL: Final = 1e-3
-"""Probability of a larger chi-square below which the model does not explain the readings."""
+"""Probability of a larger chi-square below which the model is rejected."""
 
 
-def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: bool) -> Iterator[Finding]:
-    """Yield what to doubt where the model does not explain the readings; ``chance`` is ``None`` where that is not tested."""
+def model_warnings(problem: Problem, fit: Fit, chance: float | None, *, has_prior: bool) -> Iterator[Finding]:
+    """Yield warnings if the model does not explain the readings; ``chance`` is ``None`` if this is not tested."""
     facts = f"chi-square {fit.chi_square:.4g} for {fit.degrees_of_freedom} degrees of freedom"
     if has_prior and problem.unit.is_independent:
         # numbers farther from their means than their tolerances make likely
@@ -550,36 +552,38 @@ def doubt_model(problem: Problem, fit: Fit, chance: float | None, *, has_prior: 
 
 
 def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
-    """Return the joint whose own error explains residuals best, and by how much its squares exceed those expected."""
+    """Return the joint whose error explains residuals best, and the ratio of its squares to the expected ones."""
     white = problem.whiten(problem.residuals(fit.z, fit.nuisances))
-    hold = fit.estimator.hold()
+    projector = fit.estimator.residual_projector()
     values, expected = np.zeros((2, len(problem.model.chain.joints)))
     for station, places, rows, root in problem.at_stations:
         by_error = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error
-        moved = by_error @ station.at.posture.joint_jacobian
+        by_joint = by_error @ station.at.posture.joint_jacobian
         for visit in np.unique(problem.visit[places[0]]):
-            own = np.where((problem.visit[places[0]] == visit)[:, None], moved, 0.0)
-            along = np.linalg.solve(root, own)
+            by_visit = np.where((problem.visit[places[0]] == visit)[:, None], by_joint, 0.0)
+            along = np.linalg.solve(root, by_visit)
             values += (along.T @ white[rows]) ** 2
-            expected += np.einsum("ij,ik,kj->j", along, hold[rows, rows], along)
+            expected += np.einsum("ij,ik,kj->j", along, projector[rows, rows], along)
     ratio = values / np.where(expected > 0, expected, np.inf)
-    best = int(np.argmax(ratio))
-    return problem.model.chain.joint_names[best], float(ratio[best])
+    suspect = int(np.argmax(ratio))
+    return problem.model.chain.joint_names[suspect], float(ratio[suspect])
 
 
 LEVEL: Final = 0.95
 """Probability of the intervals, and of the ellipsoids that left-out readings should be within."""
 ENOUGH: Final = 10
-"""Degrees of freedom of differences at one pose from which they decide alone: the interval is then from 0.7 to 1.75 of it."""
+"""Degrees of freedom from which differences at one pose decide alone: the interval is then 0.7 to 1.75 times the std."""
 _DECADES: Final = 5.0
 """Range of the search below the largest deviation."""
 _STEPS: Final = 41
+"""Grid points of that range, from which the search is refined between neighbours."""
 _REACH: Final = float(stats.chi2.ppf(LEVEL, 1))
+"""Rise of -2 ln L from its minimum to the ends of a profile interval."""
 
 
 @dataclass(frozen=True)
 class EstimatedStd(Record):
-    """A standard deviation that readings tell, with the 95 % interval of its profile likelihood, m or rad.
+    """A standard deviation estimated from readings, with the 95 % interval of its profile likelihood, m or rad.
 
     ``decided_by`` are the ``repeats`` (differences of readings at one pose, free of the model's errors) or ``all readings``,
     which hold what the model leaves unexplained too; ``of_all`` is the estimate from these, and ``degrees_of_freedom`` the
@@ -606,7 +610,7 @@ class Likelihood:
     def __init__(self, blocks: list[tuple[Array, Array, Array]], random: int) -> None:
         sizes = sorted({len(block[0]) for block in blocks})
         self._stacks = [
-            tuple(np.array(part) for part in zip(*(one for one in blocks if len(one[0]) == size), strict=True))
+            tuple(np.array(part) for part in zip(*(block for block in blocks if len(block[0]) == size), strict=True))
             for size in sizes
         ]
         width = blocks[0][2].shape[1]
@@ -615,11 +619,11 @@ class Likelihood:
 
     def _white(self, logs: Array) -> list[tuple[Array, Array]]:
         """Return the roots of the noise and the columns over them, for each size of block."""
-        found = []
-        for fixed, each, columns in self._stacks:
-            root = np.linalg.cholesky(fixed + np.einsum("g,sgij->sij", np.exp(2 * logs), each))
-            found.append((root, np.linalg.solve(root, columns)))
-        return found
+        white = []
+        for fixed_noise, per_kind, columns in self._stacks:
+            root = np.linalg.cholesky(fixed_noise + np.einsum("g,sgij->sij", np.exp(2 * logs), per_kind))
+            white.append((root, np.linalg.solve(root, columns)))
+        return white
 
     def __call__(self, logs: Array) -> float:
         """Return its value at logarithms of the factors, ``(g,)``; infinity where the noise is singular."""
@@ -637,63 +641,63 @@ class Likelihood:
         white = self._white(logs)
         rows = [part.reshape(-1, part.shape[2]) for _, part in white]
         basis = np.linalg.qr(np.vstack([*rows, self._prior])[:, :-1])[0]
-        result, first = np.zeros(self.kinds), 0
-        inner = np.zeros((self.kinds, basis.shape[1], basis.shape[1]))
-        for (root, columns), (_, each, _) in zip(white, self._stacks, strict=True):
+        result, offset = np.zeros(self.kinds), 0
+        cross = np.zeros((self.kinds, basis.shape[1], basis.shape[1]))
+        for (root, columns), (_, per_kind, _) in zip(white, self._stacks, strict=True):
             count = root.shape[0] * root.shape[1]
-            own = basis[first : first + count].reshape(*columns.shape[:2], -1)
-            first += count
+            block_basis = basis[offset : offset + count].reshape(*columns.shape[:2], -1)
+            offset += count
             for kind, variance in enumerate(np.exp(2 * logs)):
-                half = np.linalg.solve(root, each[:, kind])
-                share = variance * np.linalg.solve(root, np.swapaxes(half, 1, 2))
-                moved = share @ own
-                result[kind] += (share**2).sum() - 2 * (moved**2).sum()
-                inner[kind] += np.einsum("sbi,sbj->ij", own, moved)
-        return np.asarray(result + (inner**2).sum(axis=(1, 2)), dtype=float)
+                half_whitened = np.linalg.solve(root, per_kind[:, kind])
+                scaled_noise = variance * np.linalg.solve(root, np.swapaxes(half_whitened, 1, 2))
+                scaled_basis = scaled_noise @ block_basis
+                result[kind] += (scaled_noise**2).sum() - 2 * (scaled_basis**2).sum()
+                cross[kind] += np.einsum("sbi,sbj->ij", block_basis, scaled_basis)
+        return np.asarray(result + (cross**2).sum(axis=(1, 2)), dtype=float)
 
 
-def largest_likelihood(likelihood: Likelihood, most: float) -> tuple[Array, list[tuple[float, float]]]:
+def largest_likelihood(likelihood: Likelihood, maximum: float) -> tuple[Array, list[tuple[float, float]]]:
     """Return the logarithms of the likeliest factors, at most ``most``, and the ends of their profile intervals; -inf is zero."""
-    grid = np.linspace(most - _DECADES * np.log(10), most, _STEPS)
+    grid = np.linspace(maximum - _DECADES * np.log(10), maximum, _STEPS)
     step = float(grid[1] - grid[0])
 
-    def along(kind: int, others: Array, floor: float) -> tuple[float, float]:
+    def along(kind: int, other_logs: Array, floor: float) -> tuple[float, float]:
         """Return the best logarithm of one kind, and the value there."""
 
         def value(log: float) -> float:
-            return likelihood(np.insert(others, kind, log))
+            return likelihood(np.insert(other_logs, kind, log))
 
-        near = float(min(grid, key=value))
-        found = scipy.optimize.minimize_scalar(
-            value, bounds=(near - step, near + step), method="bounded", options={"xatol": floor}
+        coarse = float(min(grid, key=value))
+        optimum = scipy.optimize.minimize_scalar(
+            value, bounds=(coarse - step, coarse + step), method="bounded", options={"xatol": floor}
         )
-        return float(found.x), float(found.fun)
+        return float(optimum.x), float(optimum.fun)
 
-    point = np.full(likelihood.kinds, most - np.log(10))
-    # both kinds hardly depend on each other: alternate; one alone is found at once
+    point = np.full(likelihood.kinds, maximum - np.log(10))
+    # the two kinds hardly depend on each other: alternate; a single kind needs one search
     for _ in range(20 if likelihood.kinds > 1 else 1):
-        before = point.copy()
+        previous = point.copy()
         for kind in range(likelihood.kinds):
-            point[kind], least = along(kind, np.delete(point, kind), 1e-7)
-        if np.abs(point - before).max() < 1e-6:
+            point[kind], minimum = along(kind, np.delete(point, kind), 1e-7)
+        if np.abs(point - previous).max() < 1e-6:
             break
-    ends = []
+    intervals = []
     for kind in range(likelihood.kinds):
 
         def excess(log: float, kind: int = kind) -> float:
-            others = np.delete(point, kind)
-            if others.size:
-                return along(1 - kind, np.array([log]), 1e-4)[1] - least - _REACH
-            return likelihood(np.array([log])) - least - _REACH
+            other_logs = np.delete(point, kind)
+            if other_logs.size:
+                return along(1 - kind, np.array([log]), 1e-4)[1] - minimum - _REACH
+            return likelihood(np.array([log])) - minimum - _REACH
 
         low, high = point[kind] - step, point[kind] + step
         while excess(float(low)) < 0 and low > grid[0]:
             low -= step
         while excess(float(high)) < 0:
             high += step
-        below = -np.inf if low <= grid[0] else float(scipy.optimize.brentq(excess, low, point[kind], xtol=1e-6))
-        ends.append((below, float(scipy.optimize.brentq(excess, point[kind], high, xtol=1e-6))))
-    return point, ends
+        lower = -np.inf if low <= grid[0] else float(scipy.optimize.brentq(excess, low, point[kind], xtol=1e-6))
+        intervals.append((lower, float(scipy.optimize.brentq(excess, point[kind], high, xtol=1e-6))))
+    return point, intervals
 
 
 def estimate_std(
@@ -702,20 +706,20 @@ def estimate_std(
     """Return the factor on the stated deviation, and the estimate, of each kind; ``kinds`` name masks ``(P, m)`` of numbers."""
     blocks, random = _blocks(problem, z, nuisances, list(kinds.values()), has_prior=has_prior)
     repeats = [block for block in map(_differences, blocks, problem.labels) if block is not None]
-    most = _largest(blocks, random)
-    whole = Likelihood([block[:3] for block in blocks], random)
-    of_all, ends = largest_likelihood(whole, most)
-    found = [(of_all, ends, whole.information(of_all), "all readings")] * len(kinds)
+    maximum = _largest(blocks, random)
+    full = Likelihood([block[:3] for block in blocks], random)
+    of_all, bounds = largest_likelihood(full, maximum)
+    estimates = [(of_all, bounds, full.information(of_all), "all readings")] * len(kinds)
     if repeats:
         pure = Likelihood(repeats, 0)
-        point, ends = largest_likelihood(pure, most)
-        free = pure.information(point)
-        found = [(point, ends, free, "repeats") if free[k] >= ENOUGH else one for k, one in enumerate(found)]
+        point, bounds = largest_likelihood(pure, maximum)
+        dof = pure.information(point)
+        estimates = [(point, bounds, dof, "repeats") if dof[k] >= ENOUGH else pool for k, pool in enumerate(estimates)]
     result, rows = {}, [row for station in problem.stations for row in station.rows]
-    for k, ((name, mask), (point, ends, free, source)) in enumerate(zip(kinds.items(), found, strict=True)):
+    for k, ((name, mask), (point, bounds, dof, source)) in enumerate(zip(kinds.items(), estimates, strict=True)):
         stated = float(np.sqrt((problem.deviations[rows][mask[rows]] ** 2).mean()))
-        low, high, std, every = (stated * float(np.exp(value)) for value in (*ends[k], point[k], of_all[k]))
-        result[name] = (std / stated, EstimatedStd(std, (low, high), float(free[k]), source, every))  # type: ignore[arg-type]
+        low, high, std, std_of_all = (stated * float(np.exp(value)) for value in (*bounds[k], point[k], of_all[k]))
+        result[name] = (std / stated, EstimatedStd(std, (low, high), float(dof[k]), source, std_of_all))  # type: ignore[arg-type]
     return result
 
 
@@ -723,45 +727,45 @@ def _blocks(
     problem: Problem, z: Array, nuisances: Array, masks: list[NDArray[np.bool_]], *, has_prior: bool
 ) -> tuple[list[tuple[Array, Array, Array]], int]:
     """Return the blocks of :class:`Likelihood`, and the number of random columns."""
-    by_z, fixed = problem.slopes(z, nuisances)
+    by_z, fixed_columns = problem.slopes(z, nuisances)
     if not has_prior:
-        fixed = np.hstack([fixed, by_z @ Estimator.of(by_z, fixed, has_prior=False).kept])
+        fixed_columns = np.hstack([fixed_columns, by_z @ Estimator.of(by_z, fixed_columns, has_prior=False).basis])
     readings = problem.whiten(problem.residuals(z, nuisances)) + by_z @ z
-    lengths = np.linalg.norm(fixed, axis=0)
-    basis, values, _ = np.linalg.svd(fixed / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
+    lengths = np.linalg.norm(fixed_columns, axis=0)
+    basis, values, _ = np.linalg.svd(fixed_columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
     basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
     random = by_z if has_prior else by_z[:, :0]
     white, blocks = np.hstack([random, basis, readings[:, None]]), []
     for station, places, span, root in problem.at_stations:
         slopes = problem.slopes_at(station, station.at.error_at_means, problem.start)
         variances = problem.deviations[places] ** 2
-        each = np.array([np.diag(variances * mask[places]) for mask in masks])
-        known = station.noise(slopes.error, variances, problem.visit[places[0]]) - each.sum(axis=0)
-        blocks.append((known, each, root @ white[span]))
+        per_kind = np.array([np.diag(variances * mask[places]) for mask in masks])
+        known_noise = station.noise(slopes.error, variances, problem.visit[places[0]]) - per_kind.sum(axis=0)
+        blocks.append((known_noise, per_kind, root @ white[span]))
     return blocks, random.shape[1]
 
 
 def _differences(block: tuple[Array, Array, Array], labels: NDArray[np.intp]) -> tuple[Array, Array, Array] | None:
     """Return the block of the differences of equal numbers at one pose, which neither the arm nor the set-up changes."""
-    fixed, each, columns = block
+    fixed_noise, per_kind, columns = block
     rows = []
-    for own in (np.flatnonzero(labels == label) for label in np.unique(labels)):
-        contrasts = np.zeros((own.size - 1, labels.size))
-        contrasts[:, own] = scipy.linalg.helmert(own.size)
+    for repeats in (np.flatnonzero(labels == label) for label in np.unique(labels)):
+        contrasts = np.zeros((repeats.size - 1, labels.size))
+        contrasts[:, repeats] = scipy.linalg.helmert(repeats.size)
         rows.append(contrasts)
     change = np.concatenate(rows)
-    found = change @ fixed @ change.T, change @ each @ change.T, change @ columns[:, -1:]
-    return found if len(change) else None
+    result = change @ fixed_noise @ change.T, change @ per_kind @ change.T, change @ columns[:, -1:]
+    return result if len(change) else None
 
 
 def _largest(blocks: list[tuple[Array, Array, Array]], random: int) -> float:
-    """Return the logarithm of a factor that is too large: three times that which takes all of the readings for noise."""
-    scale = np.concatenate([np.sqrt(np.diag(each.sum(axis=0))) for _, each, _ in blocks])
-    seen = scale > 0
-    columns = np.concatenate([block[2] for block in blocks])[seen] / scale[seen, None]
-    fixed, readings = columns[:, random:-1], columns[:, -1]
-    left = readings - fixed @ np.linalg.lstsq(fixed, readings, rcond=None)[0]
-    size = float(np.sqrt((left**2).mean()))
+    """Return the logarithm of an upper bound: three times the factor that attributes all readings to noise."""
+    scale = np.concatenate([np.sqrt(np.diag(per_kind.sum(axis=0))) for _, per_kind, _ in blocks])
+    is_varied = scale > 0
+    columns = np.concatenate([block[2] for block in blocks])[is_varied] / scale[is_varied, None]
+    fixed_columns, readings = columns[:, random:-1], columns[:, -1]
+    residual = readings - fixed_columns @ np.linalg.lstsq(fixed_columns, readings, rcond=None)[0]
+    size = float(np.sqrt((residual**2).mean()))
     if not size > 0:
         raise InputError(
             "the readings are those of the sheet's means to the last digit; no std can be estimated from them"
@@ -776,17 +780,15 @@ def chance_of(chi_square: float, degrees: int, noise: Mapping[str, EstimatedStd]
     """
     if not noise:
         return float(stats.chi2.sf(chi_square, degrees)) if degrees > 0 else 1.0
-    if any(one.decided_by != "repeats" for one in noise.values()) or degrees <= repeated:
+    if any(std.decided_by != "repeats" for std in noise.values()) or degrees <= repeated:
         return None
-    free = degrees - repeated
-    return float(
-        stats.f.sf((chi_square - repeated) / free, free, sum(one.degrees_of_freedom for one in noise.values()))
-    )
+    dof = degrees - repeated
+    return float(stats.f.sf((chi_square - repeated) / dof, dof, sum(std.degrees_of_freedom for std in noise.values())))
 
 
-def doubt_std(noise: Mapping[str, EstimatedStd]) -> Iterator[Finding]:
+def std_warnings(noise: Mapping[str, EstimatedStd]) -> Iterator[Finding]:
     """Yield a warning where a std was estimated from residuals of the model."""
-    tuned = [name for name, one in noise.items() if one.decided_by != "repeats"]
+    tuned = [name for name, std in noise.items() if std.decided_by != "repeats"]
     if tuned:
         message = (
             f"{' and '.join(tuned)} estimated from the residuals of the model, on {noise[tuned[0]].degrees_of_freedom:.3g} "

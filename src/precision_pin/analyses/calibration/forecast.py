@@ -1,4 +1,4 @@
-"""Accuracy after a calibration, predicted before it is made; and calibrations of simulated robots, which check it.
+"""Accuracy after a calibration, predicted before measuring, and calibrations of simulated robots as a check.
 
 First order, at the numbers' means: after measuring, the unit-scope numbers have the covariance
 ``C = (Σ Hᵀ R⁻¹ H + Σ₀⁻¹)⁻¹`` with the nuisances of the set-up free, and the error left at a pose ``J C Jᵀ + K Σ Kᵀ``. The
@@ -47,6 +47,7 @@ ROBOTS: Final = 10_000
 ERRORS: Final = ("before", "after", "seen", "floor")
 """Errors reported at a pose: before and after the calibration, after in the instrument's axes, and the floor."""
 _SEED: Final = 0
+"""Seed of the sampled robots, so that every forecast samples the same ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +65,8 @@ class Posterior(Record):
     @classmethod
     def of(cls, unit: UnitNumbers, mean: Array, covariance: Array) -> Posterior:
         """Return the posterior of the numbers of a space."""
-        means, before, std = (dict(zip(unit.names, each.tolist(), strict=True)) for each in (mean, unit.mean, unit.std))
-        return cls(unit.names, means, covariance, before, std)
+        means, priors, std = (dict(zip(unit.names, a.tolist(), strict=True)) for a in (mean, unit.mean, unit.std))
+        return cls(unit.names, means, covariance, priors, std)
 
     @cached_property
     def std(self) -> Mapping[str, float]:
@@ -138,10 +139,10 @@ class ErrorLeft(Record):
         """Return the distribution-free 95 % interval of a sampled :meth:`quantile`; None for a normal error."""
         if not self.sampled:
             return None
-        ordered = self.sampled[which][int(attitude)]
-        ranks = quantile_ranks(ordered.size, LEVEL, LEVEL)
+        sizes = self.sampled[which][int(attitude)]
+        ranks = quantile_ranks(sizes.size, LEVEL, LEVEL)
         assert ranks is not None
-        return float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1])
+        return float(sizes[ranks[0] - 1]), float(sizes[ranks[1] - 1])
 
     @property
     def sizes(self) -> dict[str, dict[str, Any]]:
@@ -190,17 +191,17 @@ class PosesOutcome(Outcome):
 
 
 class SampledRobots(NamedTuple):
-    """Robots with the laws of the sheet, each measured once: what the linear estimate leaves of their numbers.
+    """Robots with the laws of the sheet, each measured once, and the errors of their linear estimates.
 
     With C the covariance of z after measuring, the estimate leaves ``C z`` of z, and of the readings' noise a normal
     part with the covariance ``C - C²``: z enters with its law. ``deviations`` ``(d, N)`` are all numbers minus their
-    means, ``z`` ``(r, N)`` those of unit scope in units of their root, ``left`` ``(r + k, N)`` the rest of z and the
+    means, ``z`` ``(r, N)`` those of unit scope in units of their root, ``errors`` ``(r + k, N)`` the rest of z and the
     nuisances' errors.
     """
 
     deviations: Array
     z: Array
-    left: Array
+    errors: Array
 
     @classmethod
     def of(cls, space: Space, unit: UnitNumbers, estimator: Estimator) -> SampledRobots | None:
@@ -215,12 +216,12 @@ class SampledRobots(NamedTuple):
         noise = np.random.default_rng(_SEED).standard_normal((len(joint), ROBOTS))
         return cls(deviations, z, through @ z + (vectors * np.sqrt(np.maximum(values, 0.0))) @ noise)
 
-    def sizes(self, at: PoseModel, unit: UnitNumbers, slopes: Array, together: Array) -> dict[str, Array]:
+    def sizes(self, at: PoseModel, unit: UnitNumbers, slopes: Array, by_both: Array) -> dict[str, Array]:
         """Return ``sampled`` of :class:`ErrorLeft`, given the derivatives by z, and by z and the nuisances."""
         repeated = np.delete(np.arange(len(self.deviations)), unit.columns)
         floor = at.jacobian[:, repeated] @ self.deviations[repeated]
         before = at.error_at_means[:, None] + slopes @ self.z + floor
-        after, seen = (one @ self.left[: one.shape[1]] + floor for one in (slopes, together))
+        after, seen = (derivatives @ self.errors[: derivatives.shape[1]] + floor for derivatives in (slopes, by_both))
         errors = np.array([before, after, seen, floor]).reshape(4, 2, 3, -1)
         return dict(zip(ERRORS, np.sort(np.sqrt((errors**2).sum(axis=2)), axis=2), strict=True))
 
@@ -229,32 +230,33 @@ def errors_left(
     tasks: Iterable[tuple[str, PoseModel]], unit: UnitNumbers, estimator: Estimator, displaces_base: bool, space: Space
 ) -> tuple[ErrorLeft, ...]:
     """Return the error at each named pose before and after; the first six nuisances may displace the base."""
-    robots, found = SampledRobots.of(space, unit, estimator), []
+    robots, entries = SampledRobots.of(space, unit, estimator), []
     for name, at in tasks:
         slopes, floor, chain = at.jacobian[:, unit.columns] @ unit.root, repeat_covariance(at), at.posture.chain
         after = slopes @ estimator.covariance @ slopes.T + floor
-        seen, together = after, slopes
+        seen, by_both = after, slopes
         if displaces_base:
             base = np.eye(6)
             base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + at.error_at_means[:3])
-            together = np.hstack([slopes, base])
-            rows = together.shape[1]
-            seen = together @ estimator.joint_covariance[:rows, :rows] @ together.T + floor
+            by_both = np.hstack([slopes, base])
+            rows = by_both.shape[1]
+            seen = by_both @ estimator.joint_covariance[:rows, :rows] @ by_both.T + floor
         q = dict(zip(chain.joint_names, map(float, at.posture.q), strict=True))
         sliding = tuple(compress(chain.joint_names, chain.prismatic))
-        sampled = {} if robots is None else robots.sizes(at, unit, slopes, together)
-        before, around = at.error_at_means, slopes @ slopes.T + floor
-        found.append(ErrorLeft(name, q, sliding, before, around, after, seen, floor, sampled))
-    return tuple(found)
+        sampled = {} if robots is None else robots.sizes(at, unit, slopes, by_both)
+        before, covariance_before = at.error_at_means, slopes @ slopes.T + floor
+        entries.append(ErrorLeft(name, q, sliding, before, covariance_before, after, seen, floor, sampled))
+    return tuple(entries)
 
 
 _NOTHING: Final = 1e-9
-"""Fraction of a variance below which nothing counts as learned."""
+"""Fraction of a variance below which a number counts as not learned."""
 _REACH: Final = 9.0
-"""Deviations s beyond which the readings leave nothing of the law."""
+"""Standard deviations s beyond which the readings exclude the law."""
 _WITHIN: Final = 6.0
 """Score of a normal law beyond which the ends of a law are neglected: a probability of 2e-9."""
 _CELLS: Final = 1000
+"""Cells in which the weighted law is integrated."""
 
 
 def interval_after(
@@ -285,38 +287,42 @@ def interval_after(
 
 def normal_interval(mean: float, std: float, probability: float) -> tuple[float, float]:
     """Return the interval of a normal number about its mean."""
-    reach = float(special.ndtri((1 + probability) / 2)) * std
-    return mean - reach, mean + reach
+    half_width = float(special.ndtri((1 + probability) / 2)) * std
+    return mean - half_width, mean + half_width
 
 
 def _quantiles(projection: Projection, reading: float, std: float, probability: float) -> tuple[float, float]:
     """Return the ends of the interval of a law of zero mean times ``exp(-(x - reading)²/2 std²)``."""
-    ends = projection.within(_WITHIN)
-    for low, high in ((reading - _REACH * std, reading + _REACH * std), ends):
-        edges = np.linspace(max(ends[0], low), min(ends[1], high), _CELLS + 1)
-        below = projection.cumulative(edges)
-        if edges[0] == ends[0]:
-            below[0] = 0.0
-        share = np.diff(below)
-        # nothing left: the readings are beyond an end of the law, or between its single values
-        if edges[0] < edges[-1] and (share > 0).any():
+    support = projection.within(_WITHIN)
+    for low, high in ((reading - _REACH * std, reading + _REACH * std), support):
+        edges = np.linspace(max(support[0], low), min(support[1], high), _CELLS + 1)
+        cumulative = projection.cumulative(edges)
+        if edges[0] == support[0]:
+            cumulative[0] = 0.0
+        weights = np.diff(cumulative)
+        # no weight remains: the readings are beyond an end of the law, or between its single values
+        if edges[0] < edges[-1] and (weights > 0).any():
             break
     exponent = -0.5 * (((edges[1:] + edges[:-1]) / 2 - reading) / std) ** 2
-    share *= np.exp(np.minimum(exponent - exponent[share > 0].max(), 0.0))
-    within = np.concatenate([[0.0], np.cumsum(share)])
+    weights *= np.exp(np.minimum(exponent - exponent[weights > 0].max(), 0.0))
+    within = np.concatenate([[0.0], np.cumsum(weights)])
     sides = (1 - probability) / 2
-    first, last = np.interp([sides, 1 - sides], within / within[-1], edges)
-    return float(first), float(last)
+    lower, upper = np.interp([sides, 1 - sides], within / within[-1], edges)
+    return float(lower), float(upper)
 
 
 _TOGETHER: Final = 64
+"""Random starts that are moved to contact at once."""
 _ROUNDS: Final = 40
+"""Groups of starts, after which too few poses in contact are an error."""
 _MOST_STEPS: Final = 60
+"""Maximum number of steps of a start to contact."""
 _CLOSE: Final = 1e-12
 """Distance from contact, m, at which a pose touches."""
 _LONGEST: Final = 0.5
 """Largest change of a joint value in a step."""
 _DAMPING: Final = 1e-8
+"""Added to the diagonal of J Jᵀ, m², which is singular where the target cannot move."""
 _FAR: Final = 0.05
 """Distance from contact, m, beyond which a warning says that a pose does not touch."""
 
@@ -334,43 +340,43 @@ def contact_poses(chain: Chain, measurement: Measurement, count: int, *, seed: i
         raise InputError(f"a {measurement.kind} is measured without contact")
     arm = chain.with_target(measurement.target)
     starts = random_poses(arm, _TOGETHER * _ROUNDS, seed=seed).q
-    found: list[Array] = []
+    contacts: list[Array] = []
     for k in range(_ROUNDS):
         raise_if_interrupted()
-        q = _touching(arm, measurement, starts[:, _TOGETHER * k : _TOGETHER * (k + 1)].copy(), k)
-        found.extend(q.T)
-        if len(found) >= count:
+        q = _move_to_contact(arm, measurement, starts[:, _TOGETHER * k : _TOGETHER * (k + 1)].copy(), k)
+        contacts.extend(q.T)
+        if len(contacts) >= count:
             break
-    if len(found) < count:
+    if len(contacts) < count:
         raise InputError(
-            f"only {len(found):,} of {_TOGETHER * _ROUNDS:,} random poses end in contact within joint limits; move the "
+            f"only {len(contacts):,} of {_TOGETHER * _ROUNDS:,} random poses end in contact within joint limits; move the "
             f"{measurement.kind} closer, or give the poses"
         )
     names = tuple(f"contact {number}" for number in range(1, count + 1))
-    return PoseSet.at(chain, np.ascontiguousarray(np.array(found[:count]).T), names)
+    return PoseSet.at(chain, np.ascontiguousarray(np.array(contacts[:count]).T), names)
 
 
-def _touching(chain: Chain, measurement: Measurement, q: Array, number: int) -> Array:
-    """Return the columns of joint values ``(n, S)`` that reach contact within limits, after steps of least norm."""
+def _move_to_contact(chain: Chain, measurement: Measurement, q: Array, number: int) -> Array:
+    """Return the columns of joint values ``(n, S)`` that reach contact within limits by minimum-norm steps."""
     sockets = np.array(measurement.sockets)
-    # a socket for each start, in turn, so that all are visited
-    chosen = (np.arange(q.shape[1]) + number) % max(len(sockets), 1)
+    # cyclic assignment of sockets to starts, so that all are visited
+    targets = (np.arange(q.shape[1]) + number) % max(len(sockets), 1)
     for _ in range(_MOST_STEPS):
         at = chain.at_columns(q)
         point, slopes = at.pose[:3, 3], at.joint_jacobian[:3]
         if measurement.plane is not None:
             normal = np.array(measurement.plane[1])
-            away = (normal @ (point - np.array(measurement.plane[0])[:, None]))[None]
+            offsets = (normal @ (point - np.array(measurement.plane[0])[:, None]))[None]
             slopes = np.einsum("i,ijs->js", normal, slopes)[None]
         else:
-            away = point - sockets[chosen].T
-        if np.abs(away).max() < _CLOSE:
+            offsets = point - sockets[targets].T
+        if np.abs(offsets).max() < _CLOSE:
             break
-        gram = np.einsum("ias,jas->sij", slopes, slopes) + _DAMPING * np.eye(len(away))
-        pull = np.linalg.solve(gram, -away.T[:, :, None])[:, :, 0]
+        gram = np.einsum("ias,jas->sij", slopes, slopes) + _DAMPING * np.eye(len(offsets))
+        pull = np.linalg.solve(gram, -offsets.T[:, :, None])[:, :, 0]
         step = np.einsum("ias,si->as", slopes, pull)
         q = q + step * np.minimum(1.0, _LONGEST / np.maximum(np.abs(step).max(axis=0), 1e-300))
-    touches = (np.abs(away) < _CLOSE).all(axis=0) & ~chain.configurations.outside(q).any(axis=0)
+    touches = (np.abs(offsets) < _CLOSE).all(axis=0) & ~chain.configurations.outside(q).any(axis=0)
     q = np.ascontiguousarray(q[:, touches])
     return q if chain.collision_check is None or not q.size else q[:, chain.collision_check.free(q)]
 
@@ -380,30 +386,32 @@ def seen_poses(chain: Chain, measurement: Measurement, poses: PoseSet) -> PoseSe
     if measurement.visible_from is None:
         return poses
     nominal = np.moveaxis(chain.with_target((0.0, 0.0, 0.0)).at_columns(poses.q).pose, -1, 0)
-    seen = np.array([measurement.sees(pose) for pose in nominal])
-    return poses.of(seen) if seen.any() else None
+    is_seen = np.array([measurement.sees(pose) for pose in nominal])
+    return poses.of(is_seen) if is_seen.any() else None
 
 
-def doubt_contact(measurement: Measurement, poses: Array) -> Iterator[Finding]:
-    """Yield a warning where nominal poses ``(P, 4, 4)`` do not touch what they are measured at, or are not seen."""
+def contact_warnings(measurement: Measurement, poses: Array) -> Iterator[Finding]:
+    """Yield a warning if nominal poses ``(P, 4, 4)`` do not touch the plane or socket, or are hidden from the instrument."""
     hidden = sum(not measurement.sees(pose) for pose in poses)
     if hidden:
         message = f"at {hidden} of {len(poses)} poses the target faces away from the instrument by more than the cone"
         yield Finding("warning", "W_HIDDEN", message)
-    away = np.array([measurement.away(pose) for pose in poses])
-    far = int((away > _FAR).sum())
-    if far:
+    gaps = np.array([measurement.away(pose) for pose in poses])
+    distant = int((gaps > _FAR).sum())
+    if distant:
         where = "the plane" if measurement.kind == "plane" else "a socket"
-        message = f"{far} of {len(away)} poses do not touch {where}, the farthest by {1e3 * away.max():.3g} mm"
+        message = f"{distant} of {len(gaps)} poses do not touch {where}, the farthest by {1e3 * gaps.max():.3g} mm"
         yield Finding("warning", "W_CONTACT", message)
 
 
 _COUNTS: Final = (3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500, 1000)
+"""Numbers of poses for which the accuracy is forecast; those below the given number are used."""
 _BEYOND: Final = (2, 4)
 """Multiples of the given poses for which the accuracy is forecast too."""
 _ORDERS: Final = 8
 """Random orders of the poses over which the accuracy of fewer poses is averaged."""
 _ORDER_SEED: Final = 0
+"""Seed of these orders."""
 _FACTORS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Multiples of the instrument's standard deviation for which the accuracy is forecast."""
 
@@ -418,7 +426,7 @@ class CurvePoint(Record):
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationForecast(PosesOutcome):
-    """Accuracy after a calibration, beside what :class:`PosesOutcome` has.
+    """Accuracy after a calibration, in addition to :class:`PosesOutcome`.
 
     Attributes:
         readings, posterior: Number of readings, and the arm's numbers after the calibration, with the means before.
@@ -459,7 +467,7 @@ def forecast_calibration(
     at: object = None,
     findings: Sequence[Finding] = (),
 ) -> CalibrationForecast:
-    """Forecast what measuring an arm at some poses will tell, and the error that is left.
+    """Predict the posterior from measuring an arm at some poses, and the remaining error.
 
     Args:
         model: The model, whose sheet is the prior.
@@ -489,17 +497,17 @@ def forecast_calibration(
     estimator = Estimator.of(design.flat(by_z), design.flat(by_nuisance), has_prior=True)
     tasks = design.task_poses(model, at, values)
     entries = errors_left(tasks, unit, estimator, measurement.displaces_base, model.space)
-    found = design.determined_by(stations, unit, measurement)
-    slopes = np.concatenate([one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks])
+    identifiability = design.determined_by(stations, unit, measurement)
+    slopes = np.concatenate([pose_model.jacobian[:3][:, unit.columns] @ unit.root for _, pose_model in tasks])
     nominal = np.array([station.at.posture.pose for station in stations])
     floor = float(np.mean([entry.rms("floor") ** 2 for entry in entries]))
-    left = unit.root @ estimator.covariance @ unit.root.T
+    covariance = unit.root @ estimator.covariance @ unit.root.T
     return CalibrationForecast(
         provenance=Provenance.of(model, _ORDER_SEED),
         measurement=measurement,
         readings=values.shape[1],
-        posterior=Posterior.of(unit, unit.mean, left),
-        identifiability=found,
+        posterior=Posterior.of(unit, unit.mean, covariance),
+        identifiability=identifiability,
         poses=entries,
         by_count=_by_count(by_z, by_nuisance, slopes, floor),
         by_instrument=tuple(
@@ -509,8 +517,8 @@ def forecast_calibration(
             )
             for factor in _FACTORS
         ),
-        model=model.calibrated(Estimates(unit.names, unit.mean, left)),
-        findings=(*findings, *_remarks(found, model, unit), *doubt_contact(measurement, nominal)),
+        model=model.calibrated(Estimates(unit.names, unit.mean, covariance)),
+        findings=(*findings, *_warnings(identifiability, model, unit), *contact_warnings(measurement, nominal)),
     )
 
 
@@ -524,17 +532,17 @@ def _by_count(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> t
     generator = np.random.default_rng(_ORDER_SEED)
     orders = [generator.permutation(count) for _ in range(_ORDERS)]
     points = []
-    for number in (*(one for one in _COUNTS if one < count), count):
-        chosen = [np.sort(order[:number]) for order in (orders if number < count else orders[:1])]
-        squares = [_rms(by_z[rows], by_nuisance[rows], slopes, floor) ** 2 for rows in chosen]
+    for number in (*(size for size in _COUNTS if size < count), count):
+        subsets = [np.sort(order[:number]) for order in (orders if number < count else orders[:1])]
+        squares = [_rms(by_z[rows], by_nuisance[rows], slopes, floor) ** 2 for rows in subsets]
         points.append(CurvePoint(number, float(np.sqrt(np.mean(squares)))))
-    more = [(factor, np.sqrt(factor)) for factor in _BEYOND]
-    points += [CurvePoint(k * count, _rms(root * by_z, root * by_nuisance, slopes, floor)) for k, root in more]
+    multiples = [(factor, np.sqrt(factor)) for factor in _BEYOND]
+    points += [CurvePoint(k * count, _rms(root * by_z, root * by_nuisance, slopes, floor)) for k, root in multiples]
     return tuple(points)
 
 
-def _remarks(found: design.Identifiability, model: ErrorModel, unit: design.UnitNumbers) -> Iterator[Finding]:
-    yield from design.remarks_on(found)
+def _warnings(result: design.Identifiability, model: ErrorModel, unit: design.UnitNumbers) -> Iterator[Finding]:
+    yield from design.identifiability_warnings(result)
     draws = model.space.draws
     names = {draw.name for draw in draws if not draw.law.is_normal and set(draw.components) & set(unit.names)}
     if names:
@@ -546,8 +554,9 @@ def _remarks(found: design.Identifiability, model: ErrorModel, unit: design.Unit
 
 
 _STEPS: Final = 30
+"""Maximum number of steps of the simulated estimates."""
 _SETTLED: Final = 1e-9
-"""Largest change of z at which the estimates have settled."""
+"""Largest change of z at which the estimates have converged."""
 _TASK_POSE: Final = 1 << 19
 """Number of the first of the user's poses in the random streams, beyond all measured ones."""
 
@@ -593,9 +602,9 @@ def simulate_calibrations(
     by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement))
     estimator = design.Estimator.of(by_z, by_nuisance, has_prior=True)
     deviations = np.tile(measurement.deviations, (len(readings), 1))
-    alone = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
+    indices = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
     instruments, start = design.Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
-    roots = Problem(model, instruments, stations, readings, deviations, *alone, start).roots
+    roots = Problem(model, instruments, stations, readings, deviations, *indices, start).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
 
     def whitened_residuals() -> Array:
@@ -604,26 +613,26 @@ def simulate_calibrations(
             rows = list(station.rows)
             tip_errors = station.at.exact(unit.components(station.at.space, z))
             predicted = measurement.predict(station.at.posture.pose, tip_errors, nuisances)
-            own = np.array([measurement.residual(readings[row], predicted) for row in rows])
-            white = scipy.linalg.solve_triangular(root, own.reshape(len(rows) * measurement.size, -1), lower=True)
-            result[rows] = white.reshape(own.shape)
+            block = np.array([measurement.residual(readings[row], predicted) for row in rows])
+            white = scipy.linalg.solve_triangular(root, block.reshape(len(rows) * measurement.size, -1), lower=True)
+            result[rows] = white.reshape(block.shape)
         return result.reshape(-1, robots)
 
     for _ in range(_STEPS):
         residuals = whitened_residuals()
         target = residuals + by_z @ z
-        better = estimator.covariance @ (estimator.projected.T @ target)
-        step = better - z
+        new_z = estimator.covariance @ (estimator.projected.T @ target)
+        step = new_z - z
         if nuisances.size:
             nuisances = nuisances + np.linalg.lstsq(by_nuisance, residuals - by_z @ step, rcond=None)[0]
-        z = better
+        z = new_z
         if np.abs(step).max() < _SETTLED:
             break
     residuals = whitened_residuals()
     chi_square: Array = (residuals**2).sum(axis=0) + (z**2).sum(axis=0)
     errors = []
-    for k, (_, one) in enumerate(design.task_poses(model, at, values)):
+    for k, (_, pose_model) in enumerate(design.task_poses(model, at, values)):
         later = with_later_draws(model, x, seed, _TASK_POSE + k)
-        errors.append(one.exact(later) - one.exact(unit.components(model.space, z)))
+        errors.append(pose_model.exact(later) - pose_model.exact(unit.components(model.space, z)))
     truth = np.asarray(np.linalg.lstsq(unit.root, x[unit.columns] - unit.mean[:, None], rcond=None)[0], dtype=float)
     return SimulatedCalibrations(np.array(errors), z, truth, chi_square, len(by_z) - estimator.nuisance_rank)

@@ -1,4 +1,4 @@
-"""Which poses to measure: the best of many candidates, and how good they are.
+"""Poses to measure: optimal selection from candidates, with certified efficiency.
 
 With weights w_i of candidates, the information on z and nuisances is ``M(w) = diag(I, 0) + Σ w_i A_iᵀ A_i``, A_i the whitened
 derivatives of candidate i. Two measures of a design:
@@ -9,7 +9,7 @@ derivatives of candidate i. Two measures of a design:
 Poses are exchanged while that improves the measure: first by adding the best candidate and leaving out the worst pose, or the
 other way round (Mitchell 1974), which is quick; then by the best of all exchanges of one pose for another (Fedorov 1972).
 
-The first measure is concave in w, the second convex. So with weights between 0 and 1 in place of 0 or 1 the tangent of the loss
+The first measure is concave in w, the second convex. So with weights between 0 and 1 instead of 0 or 1 the tangent of the loss
 at any weights bounds it from below over all designs: the loss there plus the least that the slopes allow. Where the relaxed
 design counts parts of poses, the problem is split: a candidate is measured or it is not. The least bound of all parts is the
 bound (Land and Doig 1960).
@@ -28,7 +28,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration import design as linear
-from precision_pin.analyses.calibration.forecast import PosesOutcome, doubt_contact, errors_left, seen_poses
+from precision_pin.analyses.calibration.forecast import PosesOutcome, contact_warnings, errors_left, seen_poses
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.readings import Station, measured_model, measurement_of
 from precision_pin.base.arguments import check_choice, check_items, check_whole
@@ -42,8 +42,9 @@ from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sheet.measurement import Measurement
 
 _EXCHANGES: Final = 500
+"""Maximum number of exchanges of one search."""
 _RIDGE: Final = 1e-9
-"""Information on nuisances that is added, as a share of that of all candidates, so that few poses are no singular case."""
+"""Information added on nuisances, relative to all candidates, so that few poses are not singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,19 +67,19 @@ class Design:
     @classmethod
     def of(cls, by_z: Array, by_nuisance: Array, goal: Array | None) -> Design:
         """Return the design of candidates; nuisances are scaled so that all candidates together give them unit information."""
-        size, scaled = by_z.shape[2], by_nuisance
+        size, scaled_nuisances = by_z.shape[2], by_nuisance
         if by_nuisance.shape[2]:
             _, values, rows = np.linalg.svd(linear.flat(by_nuisance), full_matrices=False)
-            kept = values > 1e-9 * values[0]
-            scaled = by_nuisance @ (rows[kept].T / values[kept])
-        prior = np.diag(np.concatenate([np.ones(size), np.full(scaled.shape[2], _RIDGE)]))
-        found = np.linalg.svd(linear.project_out(linear.flat(by_z), linear.flat(by_nuisance))[0], compute_uv=False)
-        rank = max(int((found > linear.NEGLIGIBLE * found[0]).sum()), 1)
-        return cls(np.concatenate([by_z, scaled], axis=2), prior, size, rank, goal)
+            is_determined = values > 1e-9 * values[0]
+            scaled_nuisances = by_nuisance @ (rows[is_determined].T / values[is_determined])
+        prior = np.diag(np.concatenate([np.ones(size), np.full(scaled_nuisances.shape[2], _RIDGE)]))
+        spectrum = np.linalg.svd(linear.project_out(linear.flat(by_z), linear.flat(by_nuisance))[0], compute_uv=False)
+        rank = max(int((spectrum > linear.NEGLIGIBLE * spectrum[0]).sum()), 1)
+        return cls(np.concatenate([by_z, scaled_nuisances], axis=2), prior, size, rank, goal)
 
-    def information(self, chosen: NDArray[np.intp]) -> Array:
+    def information(self, choice: NDArray[np.intp]) -> Array:
         """Return M of some candidates."""
-        rows = linear.flat(self.rows[chosen])
+        rows = linear.flat(self.rows[choice])
         return np.asarray(self.prior + rows.T @ rows)
 
     def weighted(self, weights: Array) -> Array:
@@ -94,9 +95,9 @@ class Design:
         inverse = np.linalg.inv(information)[: self.size, : self.size]
         return float(np.einsum("ij,ji->", self.goal, inverse))
 
-    def exact_loss(self, chosen: NDArray[np.intp]) -> float:
+    def exact_loss(self, choice: NDArray[np.intp]) -> float:
         """Return the loss of some candidates without the information that is added on nuisances; never the smaller one."""
-        by_z, by_nuisance = np.split(self.rows[chosen], [self.size], axis=2)
+        by_z, by_nuisance = np.split(self.rows[choice], [self.size], axis=2)
         covariance = linear.covariance_with_prior(linear.flat(by_z), linear.flat(by_nuisance))
         if self.goal is None:
             return float(np.linalg.slogdet(covariance)[1])
@@ -117,130 +118,131 @@ class Design:
             nuisance = information[self.size :, self.size :]
             middle[self.size :, self.size :] -= np.linalg.inv(nuisance)
         else:
-            left = inverse[:, : self.size]
-            middle = left @ self.goal @ left.T
+            columns = inverse[:, : self.size]
+            middle = columns @ self.goal @ columns.T
         gains = np.einsum("pmi,ij,pmj->p", self.rows, middle, self.rows, optimize=True)
         return self.loss(information), -gains
 
-    def swap(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+    def swap(self, choice: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return a choice that neither adding the best candidate, then leaving out the worst pose, improves, nor the reverse."""
-        inside = np.zeros(len(self.rows), dtype=bool)
-        inside[chosen] = True
-        information = self.information(chosen)
-        here = self.loss(information)
+        is_chosen = np.zeros(len(self.rows), dtype=bool)
+        is_chosen[choice] = True
+        information = self.information(choice)
+        loss = self.loss(information)
         for _ in range(_EXCHANGES):
             raise_if_interrupted()
-            for first in (1.0, -1.0):
-                moved, changed, there = inside.copy(), information, here
-                for sign in (first, -first):
+            for first_sign in (1.0, -1.0):
+                trial, changed, trial_loss = is_chosen.copy(), information, loss
+                for sign in (first_sign, -first_sign):
                     changes = self._changes_by_one(changed, sign)
-                    changes[moved if sign > 0 else ~moved] = np.inf
-                    best = int(np.argmin(changes))
-                    moved[best] = sign > 0
-                    changed = changed + sign * self.rows[best].T @ self.rows[best]
-                    there += float(changes[best])
-                if there < here - 1e-9 * max(1.0, abs(here)):
+                    changes[trial if sign > 0 else ~trial] = np.inf
+                    best_candidate = int(np.argmin(changes))
+                    trial[best_candidate] = sign > 0
+                    changed = changed + sign * self.rows[best_candidate].T @ self.rows[best_candidate]
+                    trial_loss += float(changes[best_candidate])
+                if trial_loss < loss - 1e-9 * max(1.0, abs(loss)):
                     break
             else:
                 break
-            inside = moved
-            # without the rounding of the sums
-            information = self.information(np.flatnonzero(inside))
-            here = self.loss(information)
-        return np.flatnonzero(inside)
+            is_chosen = trial
+            # recomputed without the rounding of the sums
+            information = self.information(np.flatnonzero(is_chosen))
+            loss = self.loss(information)
+        return np.flatnonzero(is_chosen)
 
     def _changes_by_one(self, information: Array, sign: float) -> Array:
-        """Return the change of loss where a candidate is added (1) or left out (-1), ``(P,)``; infinite where none is left."""
+        """Return the change of loss if a candidate is added (1) or removed (-1), ``(P,)``; infinite if none remains."""
         inverse: Array = scipy.linalg.inv(information)
         eye = np.eye(self.rows.shape[1])
         through = self.rows @ inverse
-        own = eye + sign * through @ self.rows.transpose(0, 2, 1)
+        core = eye + sign * through @ self.rows.transpose(0, 2, 1)
         with np.errstate(divide="ignore"):
             if self.goal is not None:
                 effect = through[:, :, : self.size] @ self.goal @ through[:, :, : self.size].transpose(0, 2, 1)
-                return np.asarray(-sign * np.einsum("pii->p", np.linalg.solve(own, effect)))
-            change = -np.linalg.slogdet(own)[1]
+                return np.asarray(-sign * np.einsum("pii->p", np.linalg.solve(core, effect)))
+            change = -np.linalg.slogdet(core)[1]
             nuisance = self.rows[:, :, self.size :]
             if nuisance.shape[2]:
-                kept: Array = scipy.linalg.inv(information[self.size :, self.size :])
-                change += np.linalg.slogdet(eye + sign * nuisance @ kept @ nuisance.transpose(0, 2, 1))[1]
+                nuisance_inverse: Array = scipy.linalg.inv(information[self.size :, self.size :])
+                change += np.linalg.slogdet(eye + sign * nuisance @ nuisance_inverse @ nuisance.transpose(0, 2, 1))[1]
         return np.where(np.isfinite(change), change, np.inf)
 
-    def exchange(self, chosen: NDArray[np.intp]) -> NDArray[np.intp]:
+    def exchange(self, choice: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return a choice that no exchange of one pose for another improves."""
-        chosen = self.swap(chosen)
-        rest = np.setdiff1d(np.arange(len(self.rows)), chosen)
-        for _ in range(_EXCHANGES if rest.size else 0):
+        choice = self.swap(choice)
+        others = np.setdiff1d(np.arange(len(self.rows)), choice)
+        for _ in range(_EXCHANGES if others.size else 0):
             raise_if_interrupted()
-            change = self._changes(chosen, rest)
-            out, into = np.unravel_index(int(np.argmin(change)), change.shape)
-            here = self.loss(self.information(chosen))
-            chosen[out], rest[into] = rest[into], chosen[out]
-            there = self.loss(self.information(chosen))
-            if not there < here - 1e-12 * max(1.0, abs(here)):
-                chosen[out], rest[into] = rest[into], chosen[out]
+            change = self._changes(choice, others)
+            removed, added = np.unravel_index(int(np.argmin(change)), change.shape)
+            loss = self.loss(self.information(choice))
+            choice[removed], others[added] = others[added], choice[removed]
+            new_loss = self.loss(self.information(choice))
+            if not new_loss < loss - 1e-12 * max(1.0, abs(loss)):
+                choice[removed], others[added] = others[added], choice[removed]
                 break
-        return chosen
+        return choice
 
-    def _changes(self, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
+    def _changes(self, choice: NDArray[np.intp], others: NDArray[np.intp]) -> Array:
         """Return the change of loss of every exchange, ``(count, P - count)``, by updates of low rank."""
-        information = self.information(chosen)
+        information = self.information(choice)
         inverse: Array = scipy.linalg.inv(information)
         if self.goal is not None:
-            left = inverse[:, : self.size]
-            return _trace_changes(self.rows, inverse, left @ self.goal @ left.T, chosen, rest)
-        change = -_log_changes(self.rows, inverse, chosen, rest)
+            columns = inverse[:, : self.size]
+            return _trace_changes(self.rows, inverse, columns @ self.goal @ columns.T, choice, others)
+        change = -_log_changes(self.rows, inverse, choice, others)
         nuisance = self.rows[:, :, self.size :]
         if nuisance.shape[2]:
-            own: Array = scipy.linalg.inv(information[self.size :, self.size :])
-            change += _log_changes(nuisance, own, chosen, rest)
+            nuisance_inverse: Array = scipy.linalg.inv(information[self.size :, self.size :])
+            change += _log_changes(nuisance, nuisance_inverse, choice, others)
         return change
 
 
-def _pairs(rows: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+def _pairs(rows: Array, middle: Array, picks: NDArray[np.intp], others: NDArray[np.intp]) -> tuple[Array, Array, Array]:
     """Return ``A_i X A_iᵀ`` of chosen ones, of the rest, and ``A_i X A_jᵀ`` of all pairs ``(count, rest, m, m)``."""
     size = rows.shape[1]
-    ours, others = rows[chosen], rows[rest]
-    through = ours @ middle
-    own = np.einsum("pmi,pni->pmn", through, ours)
-    their = np.einsum("pmi,pni->pmn", others @ middle, others)
-    cross = (linear.flat(through) @ linear.flat(others).T).reshape(len(ours), size, len(others), size)
-    return own, their, cross.transpose(0, 2, 1, 3)
+    chosen_rows, other_rows = rows[picks], rows[others]
+    through = chosen_rows @ middle
+    own_blocks = np.einsum("pmi,pni->pmn", through, chosen_rows)
+    other_blocks = np.einsum("pmi,pni->pmn", other_rows @ middle, other_rows)
+    cross = (linear.flat(through) @ linear.flat(other_rows).T).reshape(len(chosen_rows), size, len(other_rows), size)
+    return own_blocks, other_blocks, cross.transpose(0, 2, 1, 3)
 
 
-def _log_changes(rows: Array, inverse: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]) -> Array:
+def _log_changes(rows: Array, inverse: Array, choice: NDArray[np.intp], others: NDArray[np.intp]) -> Array:
     """Return the change of ln det M of every exchange: det(I - U) det(I + V + Cᵀ (I - U)⁻¹ C) with Schur complements."""
-    own, their, cross = _pairs(rows, inverse, chosen, rest)
+    own_blocks, other_blocks, cross = _pairs(rows, inverse, choice, others)
     eye = np.eye(rows.shape[1])
-    left = eye - own
-    inner = eye + their[None] + np.swapaxes(cross, 2, 3) @ np.linalg.solve(left[:, None], cross)
-    return np.asarray(np.linalg.slogdet(left)[1][:, None] + np.linalg.slogdet(inner)[1])
+    remainder = eye - own_blocks
+    complement = eye + other_blocks[None] + np.swapaxes(cross, 2, 3) @ np.linalg.solve(remainder[:, None], cross)
+    return np.asarray(np.linalg.slogdet(remainder)[1][:, None] + np.linalg.slogdet(complement)[1])
 
 
 def _trace_changes(
-    rows: Array, inverse: Array, middle: Array, chosen: NDArray[np.intp], rest: NDArray[np.intp]
+    rows: Array, inverse: Array, middle: Array, choice: NDArray[np.intp], others: NDArray[np.intp]
 ) -> Array:
     """Return the change of ``tr(G S⁻¹)`` of every exchange: ``-tr((D + W)⁻¹ F)`` with D = diag(-I, I)."""
     size = rows.shape[1]
     blocks = []
     for kernel in (inverse, middle):
-        own, their, cross = _pairs(rows, kernel, chosen, rest)
-        both = np.broadcast_arrays(own[:, None], cross, np.swapaxes(cross, 2, 3), their[None])
-        blocks.append(np.block([[both[0], both[1]], [both[2], both[3]]]))
+        own_blocks, other_blocks, cross = _pairs(rows, kernel, choice, others)
+        quadrants = np.broadcast_arrays(own_blocks[:, None], cross, np.swapaxes(cross, 2, 3), other_blocks[None])
+        blocks.append(np.block([[quadrants[0], quadrants[1]], [quadrants[2], quadrants[3]]]))
     weights, effect = blocks
     signs = np.diag(np.concatenate([-np.ones(size), np.ones(size)]))
     return np.asarray(-np.einsum("abii->ab", np.linalg.solve(weights + signs, effect)))
 
 
-_MOST_STEPS: Final = 400
+_MAX_STEPS: Final = 400
+"""Maximum number of gradient steps of a relaxed problem."""
 _GAP: Final = 2e-5
 """Gap of the relaxed problem, in units of the efficiency, at which it is solved."""
 _WORK: Final = 24_000
 """Parts that are bounded, times candidates."""
-_MOST: Final = 120
-"""The most parts that are bounded."""
+_MAX_PARTS: Final = 120
+"""Maximum number of parts that are bounded."""
 _ENOUGH: Final = 0.995
-"""Efficiency at which no better bound is sought."""
+"""Efficiency at which the search for a better bound stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,40 +264,40 @@ class Relaxed:
 
 def relaxed(design: Design, count: int, weights: Array, low: Array, high: Array) -> Relaxed:
     """Return the solution of the relaxed problem within limits, from first weights ``(P,)``."""
-    weights, best, step = _project(weights, count, low, high), -np.inf, 1.0
+    weights, bound, step = _project(weights, count, low, high), -np.inf, 1.0
     loss, slopes = design.slopes(weights)
-    for _ in range(_MOST_STEPS):
-        best = max(best, loss + float(slopes @ (_least(slopes, count, low, high) - weights)))
-        if design.efficiency(loss, best) > 1 - _GAP:
+    for _ in range(_MAX_STEPS):
+        bound = max(bound, loss + float(slopes @ (_cheapest_weights(slopes, count, low, high) - weights)))
+        if design.efficiency(loss, bound) > 1 - _GAP:
             break
         scale = step / max(float(np.abs(slopes).max()), 1e-300)
         for _ in range(40):
-            moved = _project(weights - scale * slopes, count, low, high)
-            change = moved - weights
-            new_loss, new_slopes = design.slopes(moved)
+            trial = _project(weights - scale * slopes, count, low, high)
+            change = trial - weights
+            new_loss, new_slopes = design.slopes(trial)
             if new_loss <= loss + 1e-4 * float(slopes @ change):
                 curvature = float((new_slopes - slopes) @ change)
                 length = float(change @ change) / curvature if curvature > 0 else 2 * scale
                 step = length * max(float(np.abs(new_slopes).max()), 1e-300)
-                weights, loss, slopes = moved, new_loss, new_slopes
+                weights, loss, slopes = trial, new_loss, new_slopes
                 break
             scale /= 4
-        else:  # no descent but rounding
+        else:  # only rounding is left
             break
-    return Relaxed(best, weights, low, high)
+    return Relaxed(bound, weights, low, high)
 
 
-def branches(design: Design, count: int, root: Relaxed, chosen: NDArray[np.intp]) -> tuple[float, NDArray[np.intp]]:
+def branches(design: Design, count: int, root: Relaxed, choice: NDArray[np.intp]) -> tuple[float, NDArray[np.intp]]:
     """Return a bound at least as good as the root's, of no candidate settled, and a choice at least as good as that given."""
-    best, parts = design.exact_loss(chosen), [root]
-    for _ in range(min(_MOST, _WORK // len(root.weights)) // 2):
+    best_loss, parts = design.exact_loss(choice), [root]
+    for _ in range(min(_MAX_PARTS, _WORK // len(root.weights)) // 2):
         raise_if_interrupted()
-        if design.efficiency(best, parts[0].bound) >= _ENOUGH:
+        if design.efficiency(best_loss, parts[0].bound) >= _ENOUGH:
             break
         part = heapq.heappop(parts)
-        doubt = part.weights * (1 - part.weights) * (part.low < part.high)
-        candidate = int(np.argmax(doubt))
-        if not doubt[candidate] > 0:  # a choice already: nothing is below it
+        fractionality = part.weights * (1 - part.weights) * (part.low < part.high)
+        candidate = int(np.argmax(fractionality))
+        if not fractionality[candidate] > 0:  # already a choice: it has no parts
             heapq.heappush(parts, part)
             break
         for value in (0.0, 1.0):
@@ -303,18 +305,18 @@ def branches(design: Design, count: int, root: Relaxed, chosen: NDArray[np.intp]
             low[candidate] = high[candidate] = value
             if not low.sum() <= count <= high.sum():
                 continue
-            found = relaxed(design, count, part.weights, low, high)
+            solution = relaxed(design, count, part.weights, low, high)
             # a part of a problem is bounded by the whole's bound as well
-            heapq.heappush(parts, Relaxed(max(found.bound, part.bound), found.weights, low, high))
-            tried = design.swap(found.rounded(count))
-            loss = design.exact_loss(tried)
-            if loss < best:
-                chosen, best = tried, loss
-    return parts[0].bound, chosen
+            heapq.heappush(parts, Relaxed(max(solution.bound, part.bound), solution.weights, low, high))
+            trial = design.swap(solution.rounded(count))
+            loss = design.exact_loss(trial)
+            if loss < best_loss:
+                choice, best_loss = trial, loss
+    return parts[0].bound, choice
 
 
-def _least(slopes: Array, count: int, low: Array, high: Array) -> Array:
-    """Return the weights within their limits, of sum ``count``, with the least sum of slopes."""
+def _cheapest_weights(slopes: Array, count: int, low: Array, high: Array) -> Array:
+    """Return the weights within their limits, of sum ``count``, with the minimum sum of slopes."""
     order = np.argsort(slopes, kind="stable")
     room = (high - low)[order]
     result = low.copy()
@@ -325,34 +327,35 @@ def _least(slopes: Array, count: int, low: Array, high: Array) -> Array:
 def _project(weights: Array, count: int, low: Array, high: Array) -> Array:
     """Return the closest weights within their limits whose sum is ``count``."""
     # the sum of clip(weights - shift, low, high) falls by straight pieces as the shift grows
-    ends = np.concatenate([weights - high, weights - low])
-    order = np.argsort(ends, kind="stable")
-    ends = ends[order]
+    breakpoints = np.concatenate([weights - high, weights - low])
+    order = np.argsort(breakpoints, kind="stable")
+    breakpoints = breakpoints[order]
     slopes = np.cumsum(np.where(order < len(weights), -1.0, 1.0))
-    sums = float(high.sum()) + np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(ends))])
-    piece = int(np.clip(np.searchsorted(-sums, -count, side="right") - 1, 0, len(ends) - 1))
-    shift = ends[piece] + (sums[piece] - count) / max(-slopes[piece], 1.0)
+    sums = float(high.sum()) + np.concatenate([[0.0], np.cumsum(slopes[:-1] * np.diff(breakpoints))])
+    piece = int(np.clip(np.searchsorted(-sums, -count, side="right") - 1, 0, len(breakpoints) - 1))
+    shift = breakpoints[piece] + (sums[piece] - count) / max(-slopes[piece], 1.0)
     return np.asarray(np.clip(weights - shift, low, high))
 
 
 _STARTS: Final = 3
+"""Random choices from which poses are exchanged."""
 PLAN_STEPS: Final = _STARTS + 3
 """Steps of a plan: an exchange from each start, the relaxed design, the perturbed choices, and branches of the bound."""
 _PERTURBED: Final = 200
 """Searches from the best choice with some poses replaced at random."""
-_REPLACED: Final = 0.3
+_MAX_REPLACED: Final = 0.3
 """Largest share of poses that are replaced."""
 _CERTAIN: Final = 0.999
-"""Efficiency at which no better choice is sought."""
+"""Efficiency at which the search for a better choice stops."""
 _RANDOM: Final = 25
-"""Random choices with which the choice is compared."""
+"""Random choices for comparison."""
 
 Criterion = Literal["task", "D"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class CalibrationPlan(PosesOutcome):
-    """The poses to measure, beside what :class:`PosesOutcome` has.
+    """The poses to measure, in addition to :class:`PosesOutcome`.
 
     Attributes:
         criterion, candidates: ``"task"`` or ``"D"``, and how many candidates there were that the instrument sees.
@@ -462,32 +465,32 @@ def plan_calibration(
         left_out.update(candidates.obstructed)
         candidates = candidates.of(candidates.known) if candidates.known.any() else candidates
     values, names = linear.read_poses(model, candidates)
-    given = PoseSet.at(model.chain, np.ascontiguousarray(values), names).unobstructed(model.chain)
-    hit = len(given) - int(given.known.sum())
-    if hit == len(given):
-        raise InputError(f"at each of {hit} candidates the arm hits itself or what it is kept out of")
-    seen = seen_poses(model.chain, measurement, given.of(given.known) if hit else given)
-    if seen is None:
-        raise InputError(f"the instrument sees the target at none of {len(given) - hit} candidates")
-    values, names = seen.q, seen.names
+    pose_set = PoseSet.at(model.chain, np.ascontiguousarray(values), names).unobstructed(model.chain)
+    obstructed = len(pose_set) - int(pose_set.known.sum())
+    if obstructed == len(pose_set):
+        raise InputError(f"at each of {obstructed} candidates the arm hits itself or what it is kept out of")
+    visible = seen_poses(model.chain, measurement, pose_set.of(pose_set.known) if obstructed else pose_set)
+    if visible is None:
+        raise InputError(f"the instrument sees the target at none of {len(pose_set) - obstructed} candidates")
+    values, names = visible.q, visible.names
     total = values.shape[1]
-    hidden = len(given) - hit - total
-    left_out += Counter({**given.obstructed, "hidden": hidden})
+    hidden = len(pose_set) - obstructed - total
+    left_out += Counter({**pose_set.obstructed, "hidden": hidden})
     count = check_whole(
         "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
     )
-    _refuse_copies(values)
+    _check_distinct(values)
     unit = linear.UnitNumbers.of(model.space)
-    # each candidate by itself: one reading at its own pose
-    each = measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
-    stations = tuple(Station(one, (k,)) for k, one in enumerate(each))
+    # one station with one reading per candidate
+    pose_models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
+    stations = tuple(Station(pose_model, (k,)) for k, pose_model in enumerate(pose_models))
     by_z, by_nuisance = linear.stack_at_means(stations, unit, measurement)
-    linear.refuse_where_nothing_is_seen(
+    linear.check_identifiable(
         linear.of_stack(unit.names, linear.flat(by_z), linear.flat(by_nuisance), measurement.nuisances, total)
     )
     tasks = linear.task_poses(model, at, values)
-    slopes = [one.jacobian[:3][:, unit.columns] @ unit.root for _, one in tasks]
-    goal = sum((one.T @ one for one in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
+    slopes = [pose_model.jacobian[:3][:, unit.columns] @ unit.root for _, pose_model in tasks]
+    goal = sum((slope.T @ slope for slope in slopes), np.zeros((by_z.shape[2],) * 2)) / len(slopes)
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
     generator = np.random.default_rng(seed)
     with steps_to(progress, PLAN_STEPS, "steps") as step:
@@ -496,79 +499,79 @@ def plan_calibration(
             choices.append(design.exchange(generator.permutation(total)[:count]))
             step(1)
         root = relaxed(design, count, np.full(total, count / total), np.zeros(total), np.ones(total))
-        chosen = min((*choices, design.exchange(root.rounded(count))), key=design.exact_loss)
+        choice = min((*choices, design.exchange(root.rounded(count))), key=design.exact_loss)
         step(1)
-        chosen = _perturbed(design, chosen, root.bound, generator)
+        choice = _perturbed(design, choice, root.bound, generator)
         step(1)
-        bound, chosen = branches(design, count, root, chosen)
-        chosen = np.sort(design.exchange(chosen))
+        bound, choice = branches(design, count, root, choice)
+        choice = np.sort(design.exchange(choice))
         step(1)
-    loss = design.exact_loss(chosen)
+    loss = design.exact_loss(choice)
     efficiency = design.efficiency(loss, bound)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
-    estimator = linear.Estimator.of(linear.flat(by_z[chosen]), linear.flat(by_nuisance[chosen]), has_prior=True)
-    nominal = np.array([stations[k].at.posture.pose for k in chosen])
-    own = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(chosen))
-    found = linear.determined_by(own, unit, measurement)
+    estimator = linear.Estimator.of(linear.flat(by_z[choice]), linear.flat(by_nuisance[choice]), has_prior=True)
+    nominal = np.array([stations[k].at.posture.pose for k in choice])
+    chosen_stations = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(choice))
+    identifiability = linear.determined_by(chosen_stations, unit, measurement)
     return CalibrationPlan(
         provenance=Provenance.of(model, seed),
         measurement=measurement,
         criterion=criterion,
-        chosen=tuple(map(int, chosen)),
-        names=tuple(names[k] for k in chosen),
-        q=values[:, chosen],
+        chosen=tuple(map(int, choice)),
+        names=tuple(names[k] for k in choice),
+        q=values[:, choice],
         candidates=total,
         left_out=dict(left_out),
         value=-loss if criterion == "D" else loss,
         bound=-bound if criterion == "D" else bound,
         efficiency=efficiency,
         random_efficiency=design.efficiency(float(np.median(random)), bound),
-        identifiability=found,
+        identifiability=identifiability,
         poses=errors_left(tasks, unit, estimator, measurement.displaces_base, model.space),
         findings=(
             *findings,
             *(model.chain.collision_notes if left_out else ()),
-            *_remarks(found, efficiency, hidden, hit),
-            *doubt_contact(measurement, nominal),
+            *_warnings(identifiability, efficiency, hidden, obstructed),
+            *contact_warnings(measurement, nominal),
         ),
     )
 
 
 def _perturbed(
-    design: Design, chosen: NDArray[np.intp], bound: float, generator: np.random.Generator
+    design: Design, choice: NDArray[np.intp], bound: float, generator: np.random.Generator
 ) -> NDArray[np.intp]:
     """Return the best of searches that begin at a choice with some of its poses replaced (iterated local search)."""
-    rest = len(design.rows) - len(chosen)
-    most = min(max(2, round(_REPLACED * len(chosen))), len(chosen), rest)
-    best = design.exact_loss(chosen)
-    for number in range(_PERTURBED if most else 0):
-        if design.efficiency(best, bound) >= _CERTAIN:
+    available = len(design.rows) - len(choice)
+    maximum = min(max(2, round(_MAX_REPLACED * len(choice))), len(choice), available)
+    best_loss = design.exact_loss(choice)
+    for number in range(_PERTURBED if maximum else 0):
+        if design.efficiency(best_loss, bound) >= _CERTAIN:
             break
-        replaced = 1 + number % most
-        others = np.setdiff1d(np.arange(len(design.rows)), chosen)
-        tried = chosen.copy()
-        tried[generator.permutation(len(chosen))[:replaced]] = generator.permutation(others)[:replaced]
-        tried = design.swap(tried)
-        loss = design.exact_loss(tried)
-        if loss < best:
-            chosen, best = tried, loss
-    return chosen
+        replacements = 1 + number % maximum
+        unused = np.setdiff1d(np.arange(len(design.rows)), choice)
+        trial = choice.copy()
+        trial[generator.permutation(len(choice))[:replacements]] = generator.permutation(unused)[:replacements]
+        trial = design.swap(trial)
+        loss = design.exact_loss(trial)
+        if loss < best_loss:
+            choice, best_loss = trial, loss
+    return choice
 
 
-def _refuse_copies(values: Array) -> None:
-    _, first, place = np.unique(values, axis=1, return_index=True, return_inverse=True)
-    originals = first[place.ravel()]
+def _check_distinct(values: Array) -> None:
+    _, first_columns, place = np.unique(values, axis=1, return_index=True, return_inverse=True)
+    originals = first_columns[place.ravel()]
     copies = np.flatnonzero(originals != np.arange(values.shape[1]))
     if copies.size:
         raise InputError(
-            f"the candidates {originals[copies[0]] + 1} and {copies[0] + 1} are one pose, and each is measured once; leave "
-            "copies out"
+            f"the candidates {originals[copies[0]] + 1} and {copies[0] + 1} are one pose, and each is measured once; omit "
+            "copies"
         )
 
 
-def _remarks(found: linear.Identifiability, efficiency: float, hidden: int, hit: int) -> Iterator[Finding]:
-    if hit:
-        message = f"{hit} candidates are left out: the arm hits itself or what it is kept out of"
+def _warnings(result: linear.Identifiability, efficiency: float, hidden: int, obstructed: int) -> Iterator[Finding]:
+    if obstructed:
+        message = f"{obstructed} candidates are left out: the arm hits itself or what it is kept out of"
         yield Finding("warning", "W_COLLISION", message)
     if hidden:
         message = f"{hidden} candidates are left out: the target faces away from the instrument by more than the cone"
@@ -579,4 +582,4 @@ def _remarks(found: linear.Identifiability, efficiency: float, hidden: int, hit:
             "exchange of two poses is better"
         )
         yield Finding("warning", "W_PLAN", message)
-    yield from linear.remarks_on(found)
+    yield from linear.identifiability_warnings(result)

@@ -42,7 +42,7 @@ from precision_pin.writers.as_built import AsBuilt
 _FEW: Final = 10
 """Robots below which a warning says that intervals are wide."""
 _UNSEEN: Final = 1e-3
-"""Fraction of a component's own information left beside the others, below which only groups are determined."""
+"""Fraction of a component's information that the others do not share, below which only groups are determined."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +101,10 @@ class Population(Outcome):
     model: ErrorModel
 
     def __repr__(self) -> str:
-        other = sum(not one.agrees for one in self.tolerances)
+        others = sum(not tolerance.agrees for tolerance in self.tolerances)
         return (
-            f"<Population of {self.robots} robots {self.provenance.robot}: {len(self.tolerances)} tolerances, {other} other than "
-            "those of the sheet>"
+            f"<Population of {self.robots} robots {self.provenance.robot}: {len(self.tolerances)} tolerances, {others} other "
+            "than those of the sheet>"
         )
 
 
@@ -154,8 +154,8 @@ def population(
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if model.sheet is not None and model.sheet.estimates is not None:
         raise InputError(
-            "the sheet is that of one calibrated robot, whose numbers say nothing of others; tolerances of several robots: "
-            "the sheet without calibrated:, or --set calibrated=none"
+            "the sheet is that of one calibrated robot, whose numbers say nothing about others; for tolerances of several robots "
+            "use the sheet without calibrated:, or --set calibrated=none"
         )
     findings = check_items("findings", findings, Finding)
     check_choice("means", means, ("sheet", "estimated"))
@@ -165,37 +165,37 @@ def population(
     unit = design.UnitNumbers.of(model.space)
     components = _components(model.space, unit)
     with steps_to(progress, len(robots) + len(components), "steps") as step:
-        found = []
-        for one in robots:
-            found.append(_evidence(model, unit, one, measurement))
+        scores = []
+        for robot in robots:
+            scores.append(_evidence(model, unit, robot, measurement))
             step(1)
-        evidence = Evidence(*(np.array(each) for each in zip(*found, strict=True)))
+        evidence = Evidence(*(np.array(parts) for parts in zip(*scores, strict=True)))
         total = np.diag(evidence.information.sum(axis=0))
-        shown = {
+        visible_components = {
             names: rows for names, rows in components.items() if total[rows].max() > design.NEGLIGIBLE * total.max()
         }
-        if not shown or total.max() <= 0:
+        if not visible_components or total.max() <= 0:
             raise InputError("no reading of any robot shows a number that varies from robot to robot")
         correlation = _correlation(model.space, unit)
-        members = [np.isin(np.arange(len(total)), rows) for rows in shown.values()]
+        members = [np.isin(np.arange(len(total)), rows) for rows in visible_components.values()]
         # C of the numbers of each component
-        blocks = np.array([np.where(np.outer(one, one), correlation, 0.0) for one in members])
-        step(len(components) - len(shown))
-        estimated = variance_components(
+        blocks = np.array([np.where(np.outer(member, member), correlation, 0.0) for member in members])
+        step(len(components) - len(visible_components))
+        estimates = variance_components(
             evidence, blocks, has_means=means == "estimated", confidence=confidence, advance=step
         )
-    ends = zip(estimated.scale.tolist(), estimated.low.tolist(), estimated.high.tolist(), strict=True)
+    intervals = zip(estimates.scale.tolist(), estimates.low.tolist(), estimates.high.tolist(), strict=True)
     tolerances = tuple(
         MeasuredTolerance(
             names,
             tuple(unit.names[row] for row in rows),
             *(scale, low, high, float(scale * unit.std[rows[0]])),
-            tuple(estimated.means[rows].tolist()),
+            tuple(estimates.means[rows].tolist()),
         )
-        for (names, rows), (scale, low, high) in zip(shown.items(), ends, strict=True)
+        for (names, rows), (scale, low, high) in zip(visible_components.items(), intervals, strict=True)
     )
-    groups = _groups([" and ".join(names) for names in shown], evidence, blocks)
-    unseen = tuple(name for names in components if names not in shown for name in names)
+    groups = _groups([" and ".join(names) for names in visible_components], evidence, blocks)
+    unseen = tuple(name for names in components if names not in visible_components for name in names)
     return Population(
         provenance=Provenance.of(model, 0),
         robots=len(robots),
@@ -204,9 +204,9 @@ def population(
         tolerances=tolerances,
         unseen=unseen,
         groups=groups,
-        log_likelihood_ratio=2 * (estimated.log_likelihood - estimated.at_sheet),
+        log_likelihood_ratio=2 * (estimates.log_likelihood - estimates.at_sheet),
         model=model,
-        findings=(*findings, *_remarks(len(robots), tolerances, unseen, groups)),
+        findings=(*findings, *_warnings(len(robots), tolerances, unseen, groups)),
     )
 
 
@@ -216,14 +216,14 @@ def _components(space: Space, unit: design.UnitNumbers) -> dict[tuple[str, ...],
     for correlation in space.correlations:
         linked = {owner[name] for name in correlation.names}
         owner = {name: min(linked) if group in linked else group for name, group in owner.items()}
-    found: dict[str, tuple[list[str], list[int]]] = {}
+    grouped: dict[str, tuple[list[str], list[int]]] = {}
     for draw in space.draws:
-        own = [row for row, name in enumerate(unit.names) if name in draw.components]
-        if own:
-            names, rows = found.setdefault(owner[draw.name], ([], []))
+        draw_rows = [row for row, name in enumerate(unit.names) if name in draw.components]
+        if draw_rows:
+            names, rows = grouped.setdefault(owner[draw.name], ([], []))
             names.append(draw.name)
-            rows.extend(own)
-    return {tuple(names): rows for names, rows in found.values()}
+            rows.extend(draw_rows)
+    return {tuple(names): rows for names, rows in grouped.values()}
 
 
 def _correlation(space: Space, unit: design.UnitNumbers) -> Array:
@@ -234,47 +234,47 @@ def _evidence(
     model: ErrorModel, unit: design.UnitNumbers, robot: object, measurement: Measurement | Sequence[Measurement] | None
 ) -> tuple[Array, Array]:
     """Return A ``(U, U)`` and b ``(U,)`` of one robot."""
-    found, file = None, "a calibration"
+    contents, file = None, "a calibration"
     if isinstance(robot, CalibrationResult):
-        found = robot.to_dict()
-        check_calibrated_robot(found, file, model.chain.robot)
+        contents = robot.to_dict()
+        check_calibrated_robot(contents, file, model.chain.robot)
     elif isinstance(robot, str | os.PathLike) and Path(robot).suffix.lower() == ".json":
         file = os.fspath(robot)
-        found = read_calibration(Path(file), f"the calibration {file}", model.chain.robot)
-    if found is not None:
-        if "data" not in found or (found.get("prior") and not found.get("at_bounds")):
-            return _of_calibration(model, unit, found, file)
-        robot = _readings(found, file, measurements_of(model, measurement))
-    given, _, whole = measured_problem(model, robot, measurements_of(model, measurement))
-    used, best, _ = without_gross_errors(whole, given, has_prior=True)
-    by_number, by_nuisance = used.slopes(best.z, best.nuisances, plain=True)
-    numbers = (unit.values(best.z) - unit.mean) / unit.std
-    target = used.whiten(used.residuals(best.z, best.nuisances)) + by_number @ numbers
+        contents = read_calibration(Path(file), f"the calibration {file}", model.chain.robot)
+    if contents is not None:
+        if "data" not in contents or (contents.get("prior") and not contents.get("at_bounds")):
+            return _calibration_evidence(model, unit, contents, file)
+        robot = _readings(contents, file, measurements_of(model, measurement))
+    readings, _, problem = measured_problem(model, robot, measurements_of(model, measurement))
+    clean, fit, _ = without_gross_errors(problem, readings, has_prior=True)
+    by_number, by_nuisance = clean.slopes(fit.z, fit.nuisances, plain=True)
+    numbers = (unit.values(fit.z) - unit.mean) / unit.std
+    target = clean.whiten(clean.residuals(fit.z, fit.nuisances)) + by_number @ numbers
     projected, _ = design.project_out(by_number, by_nuisance)
     return projected.T @ projected, projected.T @ target
 
 
 def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, ...]) -> CalibrationData:
-    """Return the readings stored in a calibration, for one whose estimates do not show their information."""
-    own = {json.dumps(_set_up(one.to_dict()), sort_keys=True): one for one in measurements}
+    """Return the readings stored in a calibration whose estimates do not determine their information."""
+    known = {json.dumps(_set_up(setup.to_dict()), sort_keys=True): setup for setup in measurements}
     try:
         stored = data.get("measurements", [data["measurement"]])
-        parts = [(own.get(json.dumps(_set_up(one), sort_keys=True)), one.get("target_name", "")) for one in stored]
-        given = data["data"]
-        q, readings = (np.array(given[name], dtype=float) for name in ("q", "readings"))
-        std, group = (np.array(given.get(name, ()), dtype=float) for name in ("std", "group"))
-        part, visit = (np.array(given.get(name, ()), dtype=np.intp) for name in ("measured_by", "visit"))
+        parts = [(known.get(json.dumps(_set_up(item), sort_keys=True)), item.get("target_name", "")) for item in stored]
+        entries = data["data"]
+        q, readings = (np.array(entries[name], dtype=float) for name in ("q", "readings"))
+        std, group = (np.array(entries.get(name, ()), dtype=float) for name in ("std", "group"))
+        part, visit = (np.array(entries.get(name, ()), dtype=np.intp) for name in ("measured_by", "visit"))
         lines = tuple(map(int, data["lines"]))
     except (AttributeError, KeyError, TypeError, ValueError):
-        raise InputError(f"{file}: the readings are not complete; let calibrate write it again") from None
-    known = tuple(replace(one, target_name=name) for one, name in parts if one is not None)
-    if len(known) < len(parts):
+        raise InputError(f"{file}: incomplete readings; write it again with calibrate") from None
+    devices = tuple(replace(entry, target_name=name) for entry, name in parts if entry is not None)
+    if len(devices) < len(parts):
         raise InputError(
             f"{file}: estimated at a bound or without prior, so that its readings are fitted again, and they were measured in "
             "another way; give the options of that calibration"
         )
     return CalibrationData(
-        np.ascontiguousarray(q.T), readings, std, group, file, lines, known, (file,) * len(known), part, visit
+        np.ascontiguousarray(q.T), readings, std, group, file, lines, devices, (file,) * len(devices), part, visit
     )
 
 
@@ -283,7 +283,7 @@ def _set_up(measurement: dict[str, Any]) -> dict[str, Any]:
     return {"base_name": "", **measurement, "target_name": "", "nuisances": []}
 
 
-def _of_calibration(
+def _calibration_evidence(
     model: ErrorModel, unit: design.UnitNumbers, data: dict[str, Any], file: str
 ) -> tuple[Array, Array]:
     """Return a calibration's information without its prior (difference of inverse covariances), and score."""
@@ -293,24 +293,24 @@ def _of_calibration(
         posterior = data["posterior"]
         names = tuple(posterior["names"])
         mean = np.array([posterior["mean"][name] for name in names], dtype=float)
-        before = np.array([posterior["prior_mean"][name] for name in names], dtype=float)
+        prior_mean = np.array([posterior["prior_mean"][name] for name in names], dtype=float)
         std = np.array([posterior["prior_std"][name] for name in names], dtype=float)
         covariance = np.array(posterior["covariance"], dtype=float).reshape(len(names), len(names))
     except (KeyError, TypeError, ValueError):
-        raise InputError(f"{file}: the estimates are not complete; let calibrate write it again") from None
-    same = names == unit.names and np.allclose(before, unit.mean, rtol=1e-9, atol=1e-15)
-    if not same or not np.allclose(std, unit.std, rtol=1e-9):
+        raise InputError(f"{file}: incomplete estimates; write it again with calibrate") from None
+    is_same = names == unit.names and np.allclose(prior_mean, unit.mean, rtol=1e-9, atol=1e-15)
+    if not is_same or not np.allclose(std, unit.std, rtol=1e-9):
         raise InputError(f"{file}: its prior is not that of this sheet; calibrate with this sheet, or give readings")
     if data.get("at_bounds"):
         raise InputError(
             f"{file}: numbers at a bound of their law do not say what its readings show; give its readings"
         )
-    scaled = covariance / np.outer(std, std)
+    scaled_covariance = covariance / np.outer(std, std)
     prior = _correlation(model.space, unit)
     if np.linalg.eigvalsh(prior)[0] < design.NEGLIGIBLE:
         raise InputError(f"{file}: the sheet fixes some numbers by others; give its readings")
-    inverse = np.linalg.inv(scaled)
-    return inverse - np.linalg.inv(prior), inverse @ ((mean - before) / std)
+    inverse = np.linalg.inv(scaled_covariance)
+    return inverse - np.linalg.inv(prior), inverse @ ((mean - prior_mean) / std)
 
 
 def _groups(names: Sequence[str], evidence: Evidence, blocks: Array) -> tuple[design.Group, ...]:
@@ -325,16 +325,16 @@ def _groups(names: Sequence[str], evidence: Evidence, blocks: Array) -> tuple[de
     return design.subspaces(names, null @ null.T)
 
 
-def _remarks(
+def _warnings(
     robots: int, tolerances: Sequence[MeasuredTolerance], unseen: Sequence[str], groups: Sequence[design.Group]
 ) -> Iterator[Finding]:
     if robots < _FEW:
         message = f"{robots} robots only: the intervals are wide, and hold at large numbers"
         yield Finding("warning", "W_FEW_ROBOTS", message)
-    other = [one for one in tolerances if not one.agrees]
-    if other:
-        listed = some([f"{' and '.join(one.names)} × {one.scale:.3g}" for one in other], 3)
-        yield Finding("warning", "W_OTHER_TOLERANCE", f"the sheet's tolerance is outside the interval of {listed}")
+    outside = [tolerance for tolerance in tolerances if not tolerance.agrees]
+    if outside:
+        text = some([f"{' and '.join(tolerance.names)} × {tolerance.scale:.3g}" for tolerance in outside], 3)
+        yield Finding("warning", "W_OTHER_TOLERANCE", f"the sheet's tolerance is outside the interval of {text}")
     if unseen:
         yield Finding("warning", "W_UNOBSERVABLE", f"no reading of any robot shows {some(unseen, 3)}")
     if groups:
@@ -348,7 +348,9 @@ def _remarks(
 _WIDEST: Final = 1e4
 """Largest upper end of a scale's interval; beyond it there is no upper limit."""
 _ZERO: Final = 1e-6
+"""Scale below which the estimate counts as zero."""
 _STEPS: Final = 500
+"""Maximum number of steps of a search for the largest likelihood."""
 _SLACK: Final = 1e-12
 """Fraction of ln L that a search for an interval's end may miss; the end is found to 1e-4 of itself."""
 
@@ -390,10 +392,10 @@ class _Likelihood:
 
     def of(self, scales: Array) -> tuple[float, Array]:
         """Return ln L and its derivatives by the scales ``(K,)``."""
-        spread, width, means, score, moved = self._parts(scales)
+        spread, width, means, score, residual_score = self._parts(scales)
         covariance = self._covariance(scales)
-        value = float((moved @ covariance * score).sum() - np.linalg.slogdet(spread)[1].sum())
-        squares = self._within(moved.T @ moved)
+        value = float((residual_score @ covariance * score).sum() - np.linalg.slogdet(spread)[1].sum())
+        squares = self._within(residual_score.T @ residual_score)
         traces = self._within(width.sum(axis=0))
         if self.has_means:
             basis, plain = self.evidence.seen, self.evidence
@@ -409,43 +411,43 @@ class _Likelihood:
         return np.asarray(self.blocks.reshape(len(self.blocks), -1) @ matrix.T.ravel())
 
     def _covariance(self, scales: Array) -> Array:
-        # a matrix product: einsum over the blocks took most of the time of 48 draws
+        # a matrix product, because einsum over the blocks dominated the run time for 48 draws
         return np.asarray((scales**2 @ self.blocks.reshape(len(self.blocks), -1)).reshape(self.blocks.shape[1:]))
 
     def _parts(self, scales: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Return I + A D, W, the means, b̃ and v."""
         information, score = self.evidence.information, self.evidence.score
         spread = np.eye(self.blocks.shape[1]) + information @ self._covariance(scales)
-        solved = np.asarray(np.linalg.solve(spread, np.concatenate([information, score[:, :, None]], 2)), dtype=float)
-        width, moved = solved[:, :, :-1], solved[:, :, -1]
+        solution = np.asarray(np.linalg.solve(spread, np.concatenate([information, score[:, :, None]], 2)), dtype=float)
+        width, residual_score = solution[:, :, :-1], solution[:, :, -1]
         means = np.zeros(self.blocks.shape[1])
         if self.has_means:
             basis = self.evidence.seen
             total = basis.T @ width.sum(axis=0) @ basis
-            means = np.asarray(basis @ np.linalg.solve(total, basis.T @ moved.sum(axis=0)), dtype=float)
-            score, moved = score - information @ means, moved - width @ means
-        return spread, width, means, score, moved
+            means = np.asarray(basis @ np.linalg.solve(total, basis.T @ residual_score.sum(axis=0)), dtype=float)
+            score, residual_score = score - information @ means, residual_score - width @ means
+        return spread, width, means, score, residual_score
 
-    def best(self, start: Array, fixed: int | None = None, tolerance: float = 1e-13) -> tuple[Array, float]:
+    def best(self, start: Array, fixed_index: int | None = None, tolerance: float = 1e-13) -> tuple[Array, float]:
         """Return the scales of the largest likelihood and ln L there, perhaps with one scale fixed at its start."""
         # the search ends at a step that gains less than `tolerance` of ln L
-        free = np.array([k for k in range(start.size) if k != fixed], dtype=np.intp)
-        if not free.size:
+        free_indices = np.array([k for k in range(start.size) if k != fixed_index], dtype=np.intp)
+        if not free_indices.size:
             return start, self.of(start)[0]
 
         def loss(values: Array) -> tuple[float, Array]:
             scales = start.copy()
-            scales[free] = values
+            scales[free_indices] = values
             value, slopes = self.of(scales)
-            return -value, -slopes[free]
+            return -value, -slopes[free_indices]
 
-        # away from zero, where the derivative by a scale vanishes
-        begin, bounds = np.maximum(start[free], 1e-2), [(0.0, _WIDEST)] * free.size
+        # start away from zero, where the derivative with respect to a scale vanishes
+        begin, bounds = np.maximum(start[free_indices], 1e-2), [(0.0, _WIDEST)] * free_indices.size
         options = {"maxiter": _STEPS, "ftol": tolerance, "gtol": 1e-7, "maxcor": 40}
-        found = scipy.optimize.minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        optimum = scipy.optimize.minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         scales = start.copy()
-        scales[free] = found.x
-        return scales, -float(found.fun)
+        scales[free_indices] = optimum.x
+        return scales, -float(optimum.fun)
 
 
 def variance_components(
@@ -471,37 +473,38 @@ def variance_components(
     likelihood, sheet = _Likelihood(evidence, blocks, has_means), np.ones(len(blocks))
     scale, largest = likelihood.best(sheet)
     limit = largest - float(stats.chi2.ppf(confidence, 1)) / 2
-    ends = []
+    intervals = []
     for k in range(len(blocks)):
-        ends.append(_interval(likelihood, scale, k, limit))
+        intervals.append(_interval(likelihood, scale, k, limit))
         advance(1)
-    low, high = np.array(ends).T
+    low, high = np.array(intervals).T
     return VarianceComponents(scale, low, high, likelihood._parts(scale)[2], largest, likelihood.of(sheet)[0])
 
 
 def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tuple[float, float]:
     """Return the scales of component k between which the profile likelihood stays above a limit."""
 
-    def above(value: float) -> float:
-        # from the optimum, not from the last search's end: the likelihood has several peaks
+    def excess(value: float) -> float:
+        # start from the optimum, not from the previous end: the likelihood has several peaks
         start = scale.copy()
         start[k] = value
         return likelihood.best(start, k, _SLACK)[1] - limit
 
-    here = float(scale[k])
-    is_above_zero = here > _ZERO and above(0.0) < 0
-    low = float(scipy.optimize.brentq(above, 0.0, here, rtol=1e-4)) if is_above_zero else 0.0
-    inside, high = here, max(1.5 * here, 0.1)
-    while above(high) > 0:
-        inside, high = high, 2 * high
+    estimate = float(scale[k])
+    is_above_zero = estimate > _ZERO and excess(0.0) < 0
+    low = float(scipy.optimize.brentq(excess, 0.0, estimate, rtol=1e-4)) if is_above_zero else 0.0
+    inner, high = estimate, max(1.5 * estimate, 0.1)
+    while excess(high) > 0:
+        inner, high = high, 2 * high
         if high > _WIDEST:
             return low, np.inf
-    return low, float(scipy.optimize.brentq(above, inside, high, rtol=1e-4))
+    return low, float(scipy.optimize.brentq(excess, inner, high, rtol=1e-4))
 
 
 _WIDTHS: Final = ("uniform", "normal", "triangular", "arcsine", "disc", "circle", "two_point")
 """Laws whose key is a width proportional to their standard deviation."""
 _DIGITS: Final = 6
+"""Significant digits of a width written into the sheet."""
 
 
 def population_sheet(result: Population, folder: Path) -> str:
@@ -520,29 +523,29 @@ def population_sheet(result: Population, folder: Path) -> str:
         f"tolerance: measured over former width, {100 * result.confidence:g} % interval",
     ]
     parameters = {draw.name for draw in sheet.space.draws}
-    for one in result.tolerances:
-        for name in one.names:
+    for entry in result.tolerances:
+        for name in entry.names:
             path = f"parameters.{name}" if name in parameters else name
             values = sheet.contents.values_at(sheet, path)
             if isinstance(values.get(path), list):
                 # a draw without a number in its name is the first of a list
                 path = f"{path}[0]"
                 values = sheet.contents.values_at(sheet, path)
-            has_limit = one.scale > 0 and one.high < float("inf")
-            found = _scaled(*values.values(), factor=one.scale) if has_limit and len(values) == 1 else None
-            changes |= {} if found is None else {path: found}
-            kept = "; kept as it was" if found is None else ""
-            notes.append(f"{visible(name)}: × {one.scale:.3g}, {one.low:.3g} to {one.high:.3g}{kept}")
+            has_limit = entry.scale > 0 and entry.high < float("inf")
+            new_law = _scale_law(*values.values(), factor=entry.scale) if has_limit and len(values) == 1 else None
+            changes |= {} if new_law is None else {path: new_law}
+            suffix = "; kept as it was" if new_law is None else ""
+            notes.append(f"{visible(name)}: × {entry.scale:.3g}, {entry.low:.3g} to {entry.high:.3g}{suffix}")
     notes += [f"{visible(name)}: not shown by any reading; kept as it was" for name in result.unseen]
     changed = result.model.with_(changes).sheet if changes else sheet
     assert changed is not None
     assert changed.contents is not None
-    measured = {path: {"measured": f"{result.robots} robots"} for path in changes}
-    stated = {"provenance": {**changed.contents.text.data.get("provenance", {}), **measured}} if measured else {}
+    provenance = {path: {"measured": f"{result.robots} robots"} for path in changes}
+    stated = {"provenance": {**changed.contents.text.data.get("provenance", {}), **provenance}} if provenance else {}
     return "".join(f"# {note}\n" for note in notes) + changed.contents.written(folder, **stated)
 
 
-def _scaled(value: object, *, factor: float) -> object:
+def _scale_law(value: object, *, factor: float) -> object:
     """Return a law with its width multiplied, as in a sheet; ``None`` if it has no width."""
     if isinstance(value, str):
         parts = re.split(f"({TOLERANCE_PATTERN})", value, maxsplit=1)
@@ -551,9 +554,9 @@ def _scaled(value: object, *, factor: float) -> object:
     key = next((key for key in _WIDTHS if key in value), None) if isinstance(value, Mapping) else None
     if key is None or not isinstance(value, Mapping):
         return None
-    given = value[key]
-    is_std = isinstance(given, Mapping) and set(given) == {"std"}
-    width = _times(given["std"] if is_std else given, factor)
+    width_entry = value[key]
+    is_std = isinstance(width_entry, Mapping) and set(width_entry) == {"std"}
+    width = _times(width_entry["std"] if is_std else width_entry, factor)
     return None if width is None else {**value, key: {"std": width} if is_std else width}
 
 
@@ -568,13 +571,13 @@ def _times(text: object, factor: float) -> str | None:
 _SAME: Final = (1e-3, 1e-3)
 """Distance (m) and angle (rad) from a model's axes within which a robot is of this model."""
 _CALIBRATED: Final = (0.05, 0.05)
-"""Those of a calibrated axis from its nominal one beyond which a file is not of this model."""
+"""Distance (m) and angle (rad) of a calibrated axis beyond which a file belongs to another model."""
 _CHECKED: Final = 200
 """Random poses at which the arms are compared."""
 _CLEARLY: Final = 0.5
 """Fraction of the distance from a model within which another fits clearly better.
 
-Of 16 robots measured by their maker the right model had at most 4 mm rms, the others at least 21 mm.
+For 16 robots measured by their maker, the correct model had at most 4 mm rms, the others at least 21 mm.
 """
 _NOTED: Final = 1e-7
 """Difference, m, between the two ways to read a YAML's angles that triggers a warning."""
@@ -654,16 +657,16 @@ def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> F
         raise InputError("the robot must be an ErrorModel or a Chain, as Chain.from_urdf returns it")
     chain = robot.chain if isinstance(robot, ErrorModel) else robot
     kind, base = _model_of(chain)
-    found = read_ur_calibration(name, kind)
+    kinematics = read_ur_calibration(name, kind)
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_CHECKED, 6))
-    if found.is_whole:
-        _refuse_other_model(name, kind, found, q)
-    placements = _placements(chain, kind, base, found, name)
+    if kinematics.is_whole:
+        _check_model(name, kind, kinematics, q)
+    placements = _placements(chain, kind, base, kinematics, name)
     arm = displaced_arm(replace(chain, obstacles=None), placements)
     from_flange = se3.inverse(base @ nominal_ur(kind).flange) @ _seats(chain)[5]
 
     def is_measured(target: Target) -> bool:
-        # not where the arm stands, nor what it carries
+        # neither the base nor the tool
         if isinstance(target, JointValue) or 0 < target.link < 6:
             return True
         pose = from_flange if target.link else se3.inverse(base)
@@ -671,56 +674,56 @@ def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> F
         return height < _SAME[0] if target.link else height > _SAME[0]
 
     model = robot.measured_as(arm, is_measured) if isinstance(robot, ErrorModel) else displaced_arm(chain, placements)
-    moved = [se3.inverse(old) @ new for old, new in zip(chain.placements, placements, strict=True)]
-    displacements = np.array([[*one[:3, 3], *se3.log_rotation(one[:3, :3])] for one in moved])
-    away = _distances(found, q, kind)[0]
+    steps = [se3.inverse(old) @ new for old, new in zip(chain.placements, placements, strict=True)]
+    displacements = np.array([[*step[:3, 3], *se3.log_rotation(step[:3, :3])] for step in steps])
+    distances = _distances(kinematics, q, kind)[0]
     return FactoryCalibration(
         provenance=Provenance.of(model, 0),
         file=os.path.basename(name),
-        checksum=found.checksum,
+        checksum=kinematics.checksum,
         kind=kind,
         arm=arm,
         model=model,
         displacements=displacements,
-        rms_position=float(np.sqrt(np.mean(np.square(away)))),
-        largest_position=float(away.max()),
-        findings=_doubt_factory(name, kind, found, q),
+        rms_position=float(np.sqrt(np.mean(np.square(distances)))),
+        largest_position=float(distances.max()),
+        findings=_factory_warnings(name, kind, kinematics, q),
     )
 
 
-def _distances(found: UrKinematics, q: Array, *kinds: str) -> Array:
+def _distances(kinematics: UrKinematics, q: Array, *kinds: str) -> Array:
     """Return the distances of the flange from some models' at poses ``(P, 6)``, m, ``(kinds, P)``."""
-    tip, *others = (one.pose(q)[:, :3, 3] for one in (found, *map(nominal_ur, kinds)))
-    return np.asarray(np.linalg.norm(np.array(others) - tip, axis=2))
+    tip, *other_points = (arm.pose(q)[:, :3, 3] for arm in (kinematics, *map(nominal_ur, kinds)))
+    return np.asarray(np.linalg.norm(np.array(other_points) - tip, axis=2))
 
 
-def _refuse_other_model(file: str, kind: str, found: UrKinematics, q: Array) -> None:
-    sizes = np.sqrt((_distances(found, q, *MODELS) ** 2).mean(axis=1))
+def _check_model(file: str, kind: str, kinematics: UrKinematics, q: Array) -> None:
+    sizes = np.sqrt((_distances(kinematics, q, *MODELS) ** 2).mean(axis=1))
     rms = dict(zip(MODELS, sizes.tolist(), strict=True))
-    best = min(rms, key=lambda one: rms[one])
-    if rms[best] < _CLEARLY * rms[kind]:
+    closest = min(rms, key=lambda name: rms[name])
+    if rms[closest] < _CLEARLY * rms[kind]:
         message = (
-            f"this is the calibration of a {best}, not of a {kind}: its tip is {1e3 * rms[best]:.3g} mm rms from that of a "
-            f"nominal {best} and {1e3 * rms[kind]:.3g} mm from that of a {kind}; give the URDF of a {best}, or another file"
+            f"this is the calibration of a {closest}, not of a {kind}: its tip is {1e3 * rms[closest]:.3g} mm rms from that of a "
+            f"nominal {closest} and {1e3 * rms[kind]:.3g} mm from that of a {kind}; give the URDF of a {closest}, or another file"
         )
         raise InputError.of("E_DATA", message, file)
 
 
-def _doubt_factory(file: str, kind: str, found: UrKinematics, q: Array) -> tuple[Finding, ...]:
+def _factory_warnings(file: str, kind: str, kinematics: UrKinematics, q: Array) -> tuple[Finding, ...]:
     """Return warnings of a forearm turned back, or of angles that differ between the two ways to read a YAML."""
-    if found.was_folded:
+    if kinematics.was_folded:
         message = (
             "the forearm points back at zero, as ur_calibration before June 2024 writes some robots; read as the robot that the "
             "controller has; a ROS driver with this file is wrong by twice the forearm: extract it with a newer version"
         )
         return (Finding("warning", "W_FACTORY_FOLDED", message, file),)
-    other = read_ur_calibration(file, kind, x_y_z=True)
-    apart = float(np.linalg.norm(found.pose(q)[:, :3, 3] - other.pose(q)[:, :3, 3], axis=1).max())
-    if apart <= _NOTED:
+    alternative = read_ur_calibration(file, kind, x_y_z=True)
+    gap = float(np.linalg.norm(kinematics.pose(q)[:, :3, 3] - alternative.pose(q)[:, :3, 3], axis=1).max())
+    if gap <= _NOTED:
         return ()
     message = (
         "roll, pitch and yaw are read as URDF readers do; the tool that extracts them means turns about x, y and z in this "
-        f"order, which puts the tip up to {1e3 * apart:.2g} mm elsewhere; calibration.conf of the controller has no such doubt"
+        f"order, which puts the tip up to {1e3 * gap:.2g} mm elsewhere; calibration.conf of the controller has no such doubt"
     )
     return (Finding("warning", "W_FACTORY_ANGLES", message, file),)
 
@@ -733,56 +736,56 @@ def _model_of(chain: Chain) -> tuple[str, Array]:
     if len(chain.joints) == 6 and not chain.prismatic.any():
         seats = _seats(chain)[:6]
         directions = np.einsum("kij,kj->ki", seats[:, :3, :3], chain.axes)
-        best, distance = "", np.inf
+        closest, distance = "", np.inf
         for kind in MODELS:
             frames = nominal_ur(kind).joints
-            base, apart, turned = _fitted(frames[:, :3, 3], frames[:, :3, 2], seats[:, :3, 3], directions)
-            if turned < _SAME[1] and apart < distance:
-                best, placed, distance = kind, base, apart
-        if best and distance < _SAME[0]:
-            return best, placed
+            base, offset, tilt = _fit_lines(frames[:, :3, 3], frames[:, :3, 2], seats[:, :3, 3], directions)
+            if tilt < _SAME[1] and offset < distance:
+                closest, base_pose, distance = kind, base, offset
+        if closest and distance < _SAME[0]:
+            return closest, base_pose
     raise InputError(
         f"{os.path.basename(chain.robot.file)}, {chain.base} to {chain.tip_label}, is none of {', '.join(MODELS)}: a factory "
         "calibration is that of a nominal UR robot with six joints"
     )
 
 
-def _fitted(points: Array, directions: Array, places: Array, axes: Array) -> tuple[Array, float, float]:
+def _fit_lines(points: Array, directions: Array, places: Array, axes: Array) -> tuple[Array, float, float]:
     """Return the pose that moves lines onto others, and the largest remaining distance and angle; ``(n, 3)`` each."""
     rotation = se3.nearest_rotation(axes.T @ directions)
     across = np.eye(3) - np.einsum("ki,kj->kij", axes, axes)
-    wanted = np.einsum("kij,kj->i", across, places - points @ rotation.T)
-    shift = np.linalg.solve(across.sum(axis=0), wanted)
-    away = np.einsum("kij,kj->ki", across, places - points @ rotation.T - shift)
-    turned = np.linalg.norm(np.cross(directions @ rotation.T, axes), axis=1)
-    opposite = ((directions @ rotation.T) * axes).sum(axis=1).min() < 0
+    right_side = np.einsum("kij,kj->i", across, places - points @ rotation.T)
+    shift = np.linalg.solve(across.sum(axis=0), right_side)
+    offsets = np.einsum("kij,kj->ki", across, places - points @ rotation.T - shift)
+    tilts = np.linalg.norm(np.cross(directions @ rotation.T, axes), axis=1)
+    is_opposite = ((directions @ rotation.T) * axes).sum(axis=1).min() < 0
     return (
         se3.pose(rotation, shift),
-        float(np.linalg.norm(away, axis=1).max()),
-        np.pi if opposite else float(turned.max()),
+        float(np.linalg.norm(offsets, axis=1).max()),
+        np.pi if is_opposite else float(tilts.max()),
     )
 
 
-def _placements(chain: Chain, kind: str, base: Array, found: UrKinematics, file: str) -> Array:
+def _placements(chain: Chain, kind: str, base: Array, kinematics: UrKinematics, file: str) -> Array:
     """Return the built arm's placements: seats at their axes' points nearest to the nominal ones, turned least."""
     # only the axes and the tip at zero change poses, not where a frame lies along its axis or how it turns about it
     seats = _seats(chain)
     new = []
-    for k, frame in enumerate(base @ found.joints):
+    for k, frame in enumerate(base @ kinematics.joints):
         axis, centre = seats[k, :3, :3] @ chain.axes[k], seats[k, :3, 3]
         point, direction = frame[:3, 3], frame[:3, 2]
         foot = point + direction * float(direction @ (centre - point))
         sine = np.cross(axis, direction)
         size = float(np.linalg.norm(sine))
-        turn = sine * (np.arctan2(size, float(axis @ direction)) / size if size > 0 else 1.0)
-        away, angle = float(np.linalg.norm(foot - centre)), float(np.linalg.norm(turn))
-        if away > _CALIBRATED[0] or angle > _CALIBRATED[1]:
+        rotation = sine * (np.arctan2(size, float(axis @ direction)) / size if size > 0 else 1.0)
+        gap, angle = float(np.linalg.norm(foot - centre)), float(np.linalg.norm(rotation))
+        if gap > _CALIBRATED[0] or angle > _CALIBRATED[1]:
             message = (
-                f"{chain.joint_names[k]} would be {1e3 * away:.3g} mm and {angle:.3g} rad from that of a {kind}: the file is of "
+                f"{chain.joint_names[k]} would be {1e3 * gap:.3g} mm and {angle:.3g} rad from that of a {kind}: the file is of "
                 "another robot"
             )
             raise InputError.of("E_DATA", message, file)
-        new.append(se3.pose(se3.exp_rotation(turn) @ seats[k, :3, :3], foot))
-    new.append(base @ found.flange @ se3.inverse(base @ nominal_ur(kind).flange) @ seats[6])
-    before = [np.eye(4), *new[:-1]]
-    return np.array([se3.inverse(one) @ other for one, other in zip(before, new, strict=True)])
+        new.append(se3.pose(se3.exp_rotation(rotation) @ seats[k, :3, :3], foot))
+    new.append(base @ kinematics.flange @ se3.inverse(base @ nominal_ur(kind).flange) @ seats[6])
+    parents = [np.eye(4), *new[:-1]]
+    return np.array([se3.inverse(parent) @ placement for parent, placement in zip(parents, new, strict=True)])

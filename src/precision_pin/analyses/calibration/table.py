@@ -32,9 +32,9 @@ from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import format_inside
 
 MOST_NUMBERS: Final = 15
-"""Numbers in the table of what is learned."""
+"""Maximum number of rows in the table of estimates."""
 MOST_READINGS: Final = 8
-"""Readings in the table of the worst."""
+"""Maximum number of rows in the table of the worst readings."""
 LEARNED: Final = "SI units; learned: the share of the prior variance that the readings remove"
 LEFT_OUT: Final = (
     "std: the residual in standard deviations of the reading, instrument and repeatability together; left out: its residual of a "
@@ -49,21 +49,26 @@ VERDICTS: Final = {
 }
 SEEN: Final = "seen: the error after, in the instrument's axes; the base is found with the arm"
 _POSES: Final = 12
+"""Maximum number of poses in the table, those with the largest error left."""
 _NAME: Final = 44
+"""Maximum number of characters of a number's name."""
 _SEAT: Final = 34
+"""Maximum number of characters of the name of a displaced joint or tip."""
 _ROWS: Final = 8
+"""Maximum number of combinations, sockets and names listed; a curve has up to two columns more."""
 _TOLERANCES: Final = 60
+"""Maximum number of tolerances in the table."""
 _HEAD: Final = 9
-"""Longest name of a joint above its values."""
+"""Maximum number of characters of a joint's name above its values."""
 _JOINTS: Final = 7
-"""Most joints whose values fit into a line."""
+"""Maximum number of joints whose values fit into a line."""
 _AIMS: Final = {"task": "the position error left at the poses below", "D": "the determinant of the information"}
 _SOURCES: Final = {
     "repeats": "differences at repeated poses",
     "all readings": "all readings, with what the model leaves",
 }
 _FREE: Final = {"distance": "anchor", "plane": "plane", "socket": "sockets"}
-"""What is known or free of a kind; of others the base."""
+"""Known or free part of the set-up by kind; otherwise the base."""
 _EXPLANATION: Final = (
     "before: from the nominal robot; after: from the calibrated robot; floor: what pose- and visit-scope draws cause, which no "
     "calibration removes; 95 %: quantile of |d|, first order, "
@@ -78,7 +83,7 @@ def table(result: CalibrationForecast | CalibrationPlan | CalibrationResult) -> 
 
 
 def forecast_table(result: CalibrationForecast) -> str:
-    """Return what measuring will buy: the error left at the user's poses, what is learned, and against what it depends."""
+    """Return the forecast: remaining error at the user's poses, learned numbers, and accuracy against effort."""
     of = result.provenance
     lines = [
         f"calibrating {_arm(of)}: rms position error {_sizes(result)}",
@@ -112,9 +117,9 @@ def calibration_table(result: CalibrationResult) -> str:
         "" if result.has_prior else f"{NO_PRIOR}\n",
         *_poses(result),
         "",
-        # the mean of the sheet finds no room beside a long name; it is in the JSON and the report
+        # no space for the mean of the sheet next to a long name; it is in the JSON and the report
         *aligned(_spaced([[row[0], *row[2:]] for row in estimate_rows(result)])),
-        *_more(len(result.posterior.names)),
+        *_learned_notes(len(result.posterior.names)),
         "",
         *aligned(_spaced(reading_rows(result))),
         LEFT_OUT,
@@ -130,10 +135,10 @@ def calibration_table(result: CalibrationResult) -> str:
 def plan_table(result: CalibrationPlan) -> str:
     """Return the poses to measure, how good the choice is, and the error that it leaves."""
     of = result.provenance
-    joints, listed = list(result.poses[0].q), list[str]()
+    joints, legend = list(result.poses[0].q), list[str]()
     heads = [visible(joint) for joint in joints]
     if any(len(head) > _HEAD for head in heads):
-        listed = [f"joints: {', '.join(f'{k} {head}' for k, head in enumerate(heads, 1))}"]
+        legend = [f"joints: {', '.join(f'{k} {head}' for k, head in enumerate(heads, 1))}"]
         heads = [f"{k}" for k in range(1, len(joints) + 1)]
     rows = [["pose to measure", "", *heads]]
     for k, name, q in zip(result.chosen, result.names, result.q.T, strict=True):
@@ -152,7 +157,7 @@ def plan_table(result: CalibrationPlan) -> str:
         "",
         *_poses(result),
         "",
-        *([*aligned(rows), *listed] if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
+        *([*aligned(rows), *legend] if len(joints) <= _JOINTS else ["the poses to measure are in the JSON"]),
         "",
         *identifiability_lines(result.identifiability),
         "",
@@ -163,16 +168,16 @@ def plan_table(result: CalibrationPlan) -> str:
 
 
 def describe_measurement(measurement: Measurement) -> str:
-    """Return instrument and set-up in words."""
-    words = [f"{measurement.kind}, std {1e6 * measurement.std:.4g} µm"]
+    """Return a description of instrument and set-up."""
+    parts = [f"{measurement.kind}, std {1e6 * measurement.std:.4g} µm"]
     if measurement.kind == "pose":
-        words.append(f"{1e6 * float(measurement.deviations[-1]):.4g} µrad")
-    words.append(f"target at {_point(measurement.target)} mm{'' if measurement.target_known else ' (estimated)'}")
-    words.append(f"{_FREE.get(measurement.kind, 'base')} {measurement.base}")
+        parts.append(f"{1e6 * float(measurement.deviations[-1]):.4g} µrad")
+    parts.append(f"target at {_point(measurement.target)} mm{'' if measurement.target_known else ' (estimated)'}")
+    parts.append(f"{_FREE.get(measurement.kind, 'base')} {measurement.base}")
     if measurement.load is not None:
-        carried = " + ".join(f"{payload.mass:.4g} kg at {visible(payload.at)}" for payload in measurement.load)
-        words.append(f"load {carried or 'none'}")
-    return ", ".join(words)
+        payloads = " + ".join(f"{payload.mass:.4g} kg at {visible(payload.at)}" for payload in measurement.load)
+        parts.append(f"load {payloads or 'none'}")
+    return ", ".join(parts)
 
 
 def headline(result: CalibrationResult) -> list[str]:
@@ -189,10 +194,10 @@ def headline(result: CalibrationResult) -> list[str]:
     ]
     if result.gross_errors:
         worst = max(result.gross_errors, key=lambda error: error.deviations)
-        count, which = len(result.gross_errors), result.data.label(worst.reading)
-        what, which = ("1 reading was", which) if count == 1 else (f"{count:,} readings were", f"the worst is {which}")
+        count, label = len(result.gross_errors), result.data.label(worst.reading)
+        lead, label = ("1 reading was", label) if count == 1 else (f"{count:,} readings were", f"the worst is {label}")
         lines.append(
-            f"{what} given no weight: {which}, {milli(worst.size, 3)} mm or {worst.deviations:.3g} standard deviations off."
+            f"{lead} given no weight: {label}, {milli(worst.size, 3)} mm or {worst.deviations:.3g} standard deviations off."
         )
     return lines
 
@@ -202,7 +207,7 @@ def _arm(of: Provenance) -> str:
 
 
 def _sizes(result: PosesOutcome) -> str:
-    before, after, floor = (milli(result.rms_position[which], 3) for which in ("before", "after", "floor"))
+    before, after, floor = (milli(result.rms_position[key], 3) for key in ("before", "after", "floor"))
     return f"{before} mm before, {after} mm after; floor {floor} mm"
 
 
@@ -219,7 +224,7 @@ def residuals_text(result: CalibrationResult) -> str:
 
 
 def verdict_text(result: CalibrationResult) -> str:
-    """Return in few words whether the calibration helps at poses left out of it."""
+    """Return the verdict on left-out poses as a short phrase."""
     return {
         "helps": "the calibration helps",
         "not shown to help": "the calibration is not shown to help",
@@ -228,26 +233,26 @@ def verdict_text(result: CalibrationResult) -> str:
 
 
 def improvement_text(result: CalibrationResult) -> str:
-    """Return whether the calibration helps at poses left out of it."""
-    found = result.improvement
-    if found is None:
+    """Return the verdict on left-out poses with its figures."""
+    outcome = result.improvement
+    if outcome is None:
         return f"{verdict_text(result)}: no reading follows from the others"
-    whole = "base and target alone" if result.measurement.nuisances else "the sheet's means"
-    facts = f"left-out error {milli(found.before, 3)} -> {milli(found.after, 3)} mm rms"
-    how = f"before: {whole}; {found.groups:,} {found.grouped_by} left out in turn"
-    if found.interval is None or found.before_interval is None:
-        return f"{verdict_text(result)}: too few {found.grouped_by}; {facts}; {how}"
-    low, high, least, most = (milli(end, 3) for end in (*found.interval, *found.before_interval))
-    gain = f"gain {milli(found.gain, 3)} mm (95 %: {low} to {high}, of {least} to {most})"
-    return f"{verdict_text(result)}: {facts}, {gain}; {how}"
+    baseline = "base and target alone" if result.measurement.nuisances else "the sheet's means"
+    facts = f"left-out error {milli(outcome.before, 3)} -> {milli(outcome.after, 3)} mm rms"
+    method = f"before: {baseline}; {outcome.groups:,} {outcome.grouped_by} left out in turn"
+    if outcome.interval is None or outcome.before_interval is None:
+        return f"{verdict_text(result)}: too few {outcome.grouped_by}; {facts}; {method}"
+    low, high, before_low, before_high = (milli(limit, 3) for limit in (*outcome.interval, *outcome.before_interval))
+    gain = f"gain {milli(outcome.gain, 3)} mm (95 %: {low} to {high}, of {before_low} to {before_high})"
+    return f"{verdict_text(result)}: {facts}, {gain}; {method}"
 
 
 def share_lines(result: CalibrationResult) -> list[str]:
-    """Return a line on how honest the standard deviations are; none where nothing is predicted."""
+    """Return a line on the calibration of the standard deviations; none if no reading is predicted."""
     if result.improvement is None:
         return []
     share = result.improvement.share
-    times, percent = share.ratio_interval, [f"{100 * end:.3g}" for end in share.interval]
+    times, percent = share.ratio_interval, [f"{100 * limit:.3g}" for limit in share.interval]
     few = ", too few poses" if share.verdict == "undecided" else ""
     return [
         f"{share.verdict}{few}: left-out readings are {share.ratio:.3g} times ({times[0]:.3g} to {times[1]:.3g}) as far off as "
@@ -256,34 +261,34 @@ def share_lines(result: CalibrationResult) -> list[str]:
 
 
 def measured_text(result: CalibrationResult) -> str:
-    """Return how many readings there are, and of what."""
+    """Return the number of readings of each measurement."""
     data = result.data
-    # targets of one kind, and files of one measurement, in one
-    alike: dict[Measurement, list[int]] = {}
-    for k, one in enumerate(data.measurements):
-        alike.setdefault(replace(one, target_name=""), []).append(k)
+    # merge targets of one kind and files of one measurement
+    indices_by_measurement: dict[Measurement, list[int]] = {}
+    for k, measurement in enumerate(data.measurements):
+        indices_by_measurement.setdefault(replace(measurement, target_name=""), []).append(k)
     parts = []
-    for one, numbers in alike.items():
+    for measurement, numbers in indices_by_measurement.items():
         targets = len({data.measurements[k].target_name for k in numbers})
         several = f" of {targets} targets" if targets > 1 else ""
         count = int(np.isin(data.part, numbers).sum())
-        parts.append(f"{count:,} readings{several} of {describe_measurement(one)}")
+        parts.append(f"{count:,} readings{several} of {describe_measurement(measurement)}")
     return "; ".join(parts)
 
 
 def chi_square_text(result: CalibrationResult) -> str:
-    """Return what the verdict rests on."""
+    """Return the test statistics of the verdict."""
     facts = f"chi-square {result.chi_square:.4g} for {result.degrees_of_freedom:,} degrees of freedom"
     chance = "" if result.probability is None else f", probability {result.probability:.2g}"
-    return "; ".join([facts + chance, *(_std_text(name, one) for name, one in result.noise.items())])
+    return "; ".join([facts + chance, *(_std_text(name, estimate) for name, estimate in result.noise.items())])
 
 
-def _std_text(name: str, found: EstimatedStd) -> str:
+def _std_text(name: str, fit: EstimatedStd) -> str:
     unit = "mm" if name == "std" else "mrad"
-    low, high = (milli(end, 3) for end in found.interval)
+    low, high = (milli(limit, 3) for limit in fit.interval)
     return (
-        f"{name} estimated as {milli(found.std, 3)} {unit} (95 %: {low} to {high}) on {found.degrees_of_freedom:.3g} degrees of "
-        f"freedom, from {_SOURCES[found.decided_by]}"
+        f"{name} estimated as {milli(fit.std, 3)} {unit} (95 %: {low} to {high}) on {fit.degrees_of_freedom:.3g} degrees of "
+        f"freedom, from {_SOURCES[fit.decided_by]}"
     )
 
 
@@ -294,31 +299,31 @@ def _spaced(rows: Sequence[Sequence[str]]) -> list[list[str]]:
 
 def pose_rows(result: PosesOutcome) -> list[list[str]]:
     """Return a header and a row for each of the user's poses, mm; where there are many the twelve with most left, worst first."""
-    columns, listed = ["before", "after", *["seen"] * result.measurement.displaces_base], list(result.poses)
-    if len(listed) > _POSES:
-        listed = sorted(listed, key=lambda entry: -entry.rms("after"))[:_POSES]
-    rows = [["pose, mm", *(f"{which} {what}" for which in columns for what in ("rms", "95 %")), "floor rms"]]
-    for entry in listed:
-        cells = [text for which in columns for text in (milli(entry.rms(which), 3), _quantile_text(entry, which))]
+    columns, entries = ["before", "after", *["seen"] * result.measurement.displaces_base], list(result.poses)
+    if len(entries) > _POSES:
+        entries = sorted(entries, key=lambda entry: -entry.rms("after"))[:_POSES]
+    rows = [["pose, mm", *(f"{error} {statistic}" for error in columns for statistic in ("rms", "95 %")), "floor rms"]]
+    for entry in entries:
+        cells = [text for error in columns for text in (milli(entry.rms(error), 3), _quantile_text(entry, error))]
         rows.append([shortened(entry.name, 20), *cells, milli(entry.rms("floor"), 3)])
     return rows
 
 
-def _quantile_text(entry: ErrorLeft, which: str) -> str:
-    value, ends = entry.quantile(which), entry.quantile_interval(which)
-    return milli(value, 3) if ends is None else format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=3)
+def _quantile_text(entry: ErrorLeft, error: str) -> str:
+    value, bounds = entry.quantile(error), entry.quantile_interval(error)
+    return milli(value, 3) if bounds is None else format_inside(1e3 * value, (1e3 * bounds[0], 1e3 * bounds[1]), most=3)
 
 
 def explanation(result: PosesOutcome) -> str:
-    """Return what the columns of :func:`pose_rows` are, and what the quantiles rest on."""
+    """Return the meaning of the columns of :func:`pose_rows`, and the basis of the quantiles."""
     is_sampled = any(entry.sampled for entry in result.poses)
     return _EXPLANATION + (f"of {ROBOTS:,} robots sampled with the sheet's laws" if is_sampled else "of normal errors")
 
 
 def poses_with_less(result: PosesOutcome) -> list[str]:
-    """Return a line on the poses that :func:`pose_rows` leaves out; none where it has all."""
-    more = len(result.poses) - _POSES
-    return [f"… and {more:,} poses with less left"] if more > 0 else []
+    """Return a line on the poses that :func:`pose_rows` omits; none if it has all."""
+    remaining = len(result.poses) - _POSES
+    return [f"… and {remaining:,} poses with less left"] if remaining > 0 else []
 
 
 def _poses(result: PosesOutcome) -> list[str]:
@@ -330,7 +335,7 @@ def _learned(posterior: Posterior) -> list[str]:
     for name in _most_learned(posterior)[:MOST_NUMBERS]:
         before, after = f"{posterior.prior_std[name]:.3g}", f"{posterior.std[name]:.3g}"
         rows.append([shortened(name, _NAME), "", before, after, f"{100 * posterior.learned[name]:.1f} %"])
-    return [*aligned(rows), *_more(len(posterior.names))]
+    return [*aligned(rows), *_learned_notes(len(posterior.names))]
 
 
 def _most_learned(posterior: Posterior) -> list[str]:
@@ -338,7 +343,7 @@ def _most_learned(posterior: Posterior) -> list[str]:
 
 
 def estimate_rows(result: CalibrationResult, most: int = MOST_NUMBERS) -> list[list[str]]:
-    """Return a header and a row for each number, at most so many, that of which most is learned first; SI units."""
+    """Return a header and up to ``most`` rows of numbers, best learned first; SI units."""
     posterior = result.posterior
     rows = [["number", "prior mean", "prior std", "estimate", "95 % from", "to", "learned"]]
     for name in _most_learned(posterior)[:most]:
@@ -348,31 +353,31 @@ def estimate_rows(result: CalibrationResult, most: int = MOST_NUMBERS) -> list[l
     return rows
 
 
-def _more(count: int) -> list[str]:
+def _learned_notes(count: int) -> list[str]:
     if count <= MOST_NUMBERS:
         return [LEARNED]
     return [LEARNED, f"… and {count - MOST_NUMBERS:,} numbers of which less is learned; all are in the JSON"]
 
 
-def identifiability_lines(found: Identifiability) -> list[str]:
-    """Return what the readings determine, what not, and what in combinations only."""
-    indices = ", ".join(f"{name} {value:.3g}" for name, value in found.observability.items())
+def identifiability_lines(result: Identifiability) -> list[str]:
+    """Return the numbers that the readings determine, do not determine, and determine in combinations only."""
+    indices = ", ".join(f"{name} {value:.3g}" for name, value in result.observability.items())
     lines = [
-        f"the readings determine {found.rank:,} combinations of {len(found.names):,} numbers; {indices} "
+        f"the readings determine {result.rank:,} combinations of {len(result.names):,} numbers; {indices} "
         "(units of prior std and noise)"
     ]
-    if found.unseen:
-        lines.append(f"not seen at all: {some(found.unseen, _ROWS)}")
-    lines += [f"only combinations: {group}" for group in found.combinations[:_ROWS]]
-    if len(found.combinations) > _ROWS:
-        lines.append(f"… and {len(found.combinations) - _ROWS} more groups")
+    if result.unseen:
+        lines.append(f"not seen at all: {some(result.unseen, _ROWS)}")
+    lines += [f"only combinations: {group}" for group in result.combinations[:_ROWS]]
+    if len(result.combinations) > _ROWS:
+        lines.append(f"… and {len(result.combinations) - _ROWS} more groups")
     return lines
 
 
-def _curve(what: str, points: Sequence[CurvePoint], per_si: float) -> list[str]:
-    listed = points if len(points) <= _ROWS + 2 else points[-(_ROWS + 2) :]
-    head = [what, "", *(f"{point.value * per_si:.4g}" for point in listed)]
-    return aligned([head, ["", "", *(milli(point.rms_position, 3) for point in listed)]])
+def _curve(title: str, points: Sequence[CurvePoint], per_si: float) -> list[str]:
+    last_points = points if len(points) <= _ROWS + 2 else points[-(_ROWS + 2) :]
+    head = [title, "", *(f"{point.value * per_si:.4g}" for point in last_points)]
+    return aligned([head, ["", "", *(milli(point.rms_position, 3) for point in last_points)]])
 
 
 def reading_rows(result: CalibrationResult) -> list[list[str]]:
@@ -401,27 +406,27 @@ def gross_rows(result: CalibrationResult) -> list[list[str]]:
 
 def set_up_lines(set_ups: Sequence[SetUp]) -> list[str]:
     """Return a line for each part of the set-ups that was estimated, mm."""
-    return list(dict.fromkeys(line for found in set_ups for line in _set_up_lines(found)))
+    return list(dict.fromkeys(line for set_up in set_ups for line in _set_up_lines(set_up)))
 
 
-def _set_up_lines(found: SetUp) -> list[str]:
+def _set_up_lines(set_up: SetUp) -> list[str]:
     def is_estimated(part: str) -> bool:
-        return any(name.startswith(part) for name in found.std)
+        return any(name.startswith(part) for name in set_up.std)
 
     lines = []
-    if found.base is not None:
-        lines.append(f"base of the robot in the instrument's axes, estimated: {_point(found.base[:3, 3])} mm")
+    if set_up.base is not None:
+        lines.append(f"base of the robot in the instrument's axes, estimated: {_point(set_up.base[:3, 3])} mm")
     if is_estimated("target"):
-        name = next(name for name in found.std if name.startswith("target")).partition(".")[0]
-        lines.append(f"{name} in tool axes, estimated: {_point(found.target)} mm")
-    if found.plane is not None and is_estimated("plane"):
-        height, normal = 1e3 * float(found.plane[0] @ found.plane[1]), " ".join(f"{x:.6f}" for x in found.plane[1])
+        name = next(name for name in set_up.std if name.startswith("target")).partition(".")[0]
+        lines.append(f"{name} in tool axes, estimated: {_point(set_up.target)} mm")
+    if set_up.plane is not None and is_estimated("plane"):
+        height, normal = 1e3 * float(set_up.plane[0] @ set_up.plane[1]), " ".join(f"{x:.6f}" for x in set_up.plane[1])
         lines.append(f"plane in base axes, estimated: normal {normal}, {height:.6g} mm from the base's origin")
-    if found.sockets is not None and is_estimated("socket"):
-        for k, place in enumerate(found.sockets[:_ROWS]):
+    if set_up.sockets is not None and is_estimated("socket"):
+        for k, place in enumerate(set_up.sockets[:_ROWS]):
             lines.append(f"socket {k + 1} in base axes, estimated: {_point(place)} mm")
-    if found.anchor is not None and is_estimated("anchor"):
-        lines.append(f"anchor in base axes, estimated: {_point(found.anchor)} mm")
+    if set_up.anchor is not None and is_estimated("anchor"):
+        lines.append(f"anchor in base axes, estimated: {_point(set_up.anchor)} mm")
     return lines
 
 
@@ -454,34 +459,34 @@ class WorstReadings(NamedTuple):
         """Return the worst readings of a calibration, ``most`` of them or all."""
         sizes = np.linalg.norm(result.residuals[:, :3], axis=1)
         rows = np.argsort(-sizes, kind="stable")[:most]
-        data, known = result.data, _known(result)
+        data, fitted_measurements = result.data, _fitted_measurements(result)
         points, after, before = np.zeros((3, 3, rows.size))
         deviations = np.zeros(rows.size)
-        chosen = replace(
+        selection = replace(
             data, q=data.q[:, rows], readings=data.readings[rows], part=data.part[rows], visit=np.arange(rows.size)
         )
-        for station in stations_of_data(result.original, chosen):
+        for station in stations_of_data(result.original, selection):
             pose, error = station.at.posture.pose, station.at.exact(result.components[:, None])
             for k in station.rows:
                 row = int(rows[k])
-                given, own = data.measurements[data.part[row]], known[data.part[row]]
+                measurement, fitted = data.measurements[data.part[row]], fitted_measurements[data.part[row]]
                 place = result.set_ups[data.part[row]].base
-                point = Measurement(target=own.target).predict(pose, error, np.zeros((0, 1)))[:, 0]
-                slopes = own.slopes(pose, error[:, 0], np.zeros(0))
+                point = Measurement(target=fitted.target).predict(pose, error, np.zeros((0, 1)))[:, 0]
+                slopes = fitted.slopes(pose, error[:, 0], np.zeros(0))
                 directions = np.eye(3)
-                if own.place is not None:
-                    nominal = pose[:3, 3] + pose[:3, :3] @ given.target
-                    directions = own.place.slopes(point, np.zeros(len(own.place.names)), nominal)[0]
+                if fitted.place is not None:
+                    nominal = pose[:3, 3] + pose[:3, :3] @ measurement.target
+                    directions = fitted.place.slopes(point, np.zeros(len(fitted.place.names)), nominal)[0]
                 points[:, k] = point
                 after[:, k] = result.residuals[row, : len(directions)] @ directions
                 before[:, k] = result.residuals_before[row, : len(directions)] @ directions
                 if place is not None:
                     after[:, k] = (data.readings[row, :3] - place[:3, 3]) @ place[:3, :3] - point
-                scale = data.std[row] / given.std if data.std.size else 1.0
-                one_visit = np.zeros(given.size, dtype=np.intp)
-                noise = station.noise(slopes.error, (scale * given.deviations) ** 2, one_visit)
-                residual = result.residuals[row, : given.size].copy()
-                residual[:3] = after[:, k] if own.place is None else residual[:3]
+                scale = data.std[row] / measurement.std if data.std.size else 1.0
+                one_visit = np.zeros(measurement.size, dtype=np.intp)
+                noise = station.noise(slopes.error, (scale * measurement.deviations) ** 2, one_visit)
+                residual = result.residuals[row, : measurement.size].copy()
+                residual[:3] = after[:, k] if fitted.place is None else residual[:3]
                 deviations[k] = np.sqrt(residual @ np.linalg.solve(noise, residual))
         gross = {error.reading: error.deviations for error in result.gross_errors}
         lines, labels = tuple(data.lines[row] for row in rows), tuple(data.label(row) for row in rows)
@@ -491,14 +496,14 @@ class WorstReadings(NamedTuple):
         return cls(rows, lines, labels, points, after, before, sizes[rows], deviations, is_gross, anchor)
 
 
-def _known(result: CalibrationResult) -> list[Measurement]:
+def _fitted_measurements(result: CalibrationResult) -> list[Measurement]:
     """Return the measurements with their set-ups as estimated, in base axes."""
-    known = []
-    for measurement, found in zip(result.data.measurements, result.set_ups, strict=True):
-        places = {name: getattr(found, name) for name in ("target", "anchor", "plane", "sockets")}
-        given = {name: place.tolist() for name, place in places.items() if place is not None}
-        known.append(replace(measurement, base="known", target_known=True, **given))
-    return known
+    measurements = []
+    for measurement, set_up in zip(result.data.measurements, result.set_ups, strict=True):
+        places = {name: getattr(set_up, name) for name in ("target", "anchor", "plane", "sockets")}
+        values = {name: place.tolist() for name, place in places.items() if place is not None}
+        measurements.append(replace(measurement, base="known", target_known=True, **values))
+    return measurements
 
 
 def _point(values: Iterable[float]) -> str:
@@ -506,17 +511,17 @@ def _point(values: Iterable[float]) -> str:
 
 
 def population_table(result: Population) -> str:
-    """Return how many tolerances are other than the sheet's, and each with its interval."""
+    """Return the number of tolerances that differ from the sheet's, and each with its interval."""
     of = result.provenance
-    other = [one for one in result.tolerances if not one.agrees]
-    verdict = f"{len(other):,} of {len(result.tolerances):,} tolerances are other than the sheet's"
+    changed = [tolerance for tolerance in result.tolerances if not tolerance.agrees]
+    verdict = f"{len(changed):,} of {len(result.tolerances):,} tolerances are other than the sheet's"
     rows = [["draw", "", "measured std", "of the sheet's", f"{100 * result.confidence:g} %", "interval", ""]]
-    order = sorted(result.tolerances, key=lambda one: (one.agrees, -one.scale))
-    for one in order[:_TOLERANCES]:
-        high = f"{one.high:.3g}" if one.high < float("inf") else "no limit"
-        mark = "" if one.agrees else "other"
-        name = shortened(" and ".join(one.names), _NAME)
-        rows.append([name, "", f"{one.std:.3g}", f"{one.scale:.3g}", f"{one.low:.3g}", high, mark])
+    order = sorted(result.tolerances, key=lambda tolerance: (tolerance.agrees, -tolerance.scale))
+    for tolerance in order[:_TOLERANCES]:
+        high = f"{tolerance.high:.3g}" if tolerance.high < float("inf") else "no limit"
+        mark = "" if tolerance.agrees else "other"
+        name = shortened(" and ".join(tolerance.names), _NAME)
+        rows.append([name, "", f"{tolerance.std:.3g}", f"{tolerance.scale:.3g}", f"{tolerance.low:.3g}", high, mark])
     lines = [
         f"{result.robots:,} robots {_arm(of)}: {verdict}",
         f"means {'estimated too, restricted likelihood' if result.means == 'estimated' else 'of the sheet'}; likelihood ratio "
@@ -533,7 +538,7 @@ def population_table(result: Population) -> str:
 
 
 def factory_table(result: FactoryCalibration) -> str:
-    """Return how far the built arm is from the nominal robot, and the displacement of each joint."""
+    """Return the distance of the built arm from the nominal robot, and the displacement of each joint."""
     of, chain = result.provenance, result.model.chain
     rows = [["place", "", "x [mm]", "y [mm]", "z [mm]", "rx [mrad]", "ry [mrad]", "rz [mrad]"]]
     for name, values in zip((*chain.joint_names, chain.tip), result.displacements, strict=True):

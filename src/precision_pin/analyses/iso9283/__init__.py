@@ -8,6 +8,7 @@ from typing import Any
 from precision_pin.analyses.declaration import INPUTS, MEASURE, OUTPUT, ROBOT, Asked, Declaration, Job, Option, PagePart
 from precision_pin.base.errors import InputError, UnitError
 
+# poses P1 to P5 of the standard in the cube
 _IN_CUBE = 5
 
 
@@ -15,12 +16,12 @@ def check(options: dict[str, Any]) -> None:
     """Reject poses together with the cube."""
     flags = {"--pose": "pose_names", "--q": "qs"}
     flags |= {f"--{name.replace('_', '-')}": name for name in ("all_poses", "trajectory", "grid")}
-    given = [flag for flag, name in flags.items() if options[name]]
-    if options["cube"] and given:
-        raise InputError.of("E_USAGE", f"--cube and {given[0]} exclude each other")
+    pose_flags = [flag for flag, name in flags.items() if options[name]]
+    if options["cube"] and pose_flags:
+        raise InputError.of("E_USAGE", f"--cube and {pose_flags[0]} exclude each other")
 
 
-def prepare(asked: Asked) -> Job:
+def prepare(request: Asked) -> Job:
     """Return the forecast of a test, compared with measured cycles if there are any."""
     from precision_pin.analyses.iso9283.figures import read_cycles
     from precision_pin.analyses.iso9283.forecast import CYCLES, iso9283
@@ -28,12 +29,12 @@ def prepare(asked: Asked) -> Job:
     from precision_pin.base.csv_columns import columns_for
     from precision_pin.model.error_model import ErrorModel
 
-    options, cycles, attained = asked.options, asked.options["cycles"], None
-    model = ErrorModel.from_sheet(asked.sheet)
-    poses = None if options["cube"] else asked.read_pose_set()
+    options, cycles, attained = request.options, request.options["cycles"], None
+    model = ErrorModel.from_sheet(request.sheet)
+    poses = None if options["cube"] else request.read_pose_set()
     if options["measured"] is not None:
         names = tuple(f"P{rank}" for rank in range(1, _IN_CUBE + 1)) if poses is None else poses.names
-        usual = [one.columns for one in asked.sheet.measurements]
+        usual = [measurement.columns for measurement in request.sheet.measurements]
         columns = columns_for(options["measured"], options["columns"], options["tables"], usual)
         attained = read_cycles(options["measured"], pose_names(names), columns)
     if cycles is None:
@@ -41,7 +42,7 @@ def prepare(asked: Asked) -> Job:
     names_of = ("robots", "seed", "fit_base", "specifications")
     forecast = partial(
         iso9283, model, poses, cycles=cycles, target=options["measured_point"], load=options["load"] or 0.0,
-        findings=asked.sheet.findings, **{name: options[name] for name in names_of},
+        findings=request.sheet.findings, **{name: options[name] for name in names_of},
     )  # fmt: skip
 
     def run(progress: Any) -> Any:
@@ -55,7 +56,7 @@ def prepare(asked: Asked) -> Job:
         what="testing",
         unit="visits",
         is_unwound=True,
-        note="seeking the largest cube within reach: up to a minute" if options["cube"] else "",
+        note="searching the largest reachable cube: up to a minute" if options["cube"] else "",
     )
 
 
@@ -84,7 +85,7 @@ DECLARATION = Declaration(
     description=f"""Forecast accuracy and repeatability as ISO 9283 measures them, over built robots and over tests.
 
     The poses P1, P2, … are those given, in their order, or with --cube the standard's five. AD and RD are between
-    P2 and P4. With measured cycles of a robot, its figures stand beside the forecast, with a test whether they agree.
+    P2 and P4. With measured cycles of a robot, its figures are compared with the forecast by a test.
 
     {INPUTS}
     """,
@@ -95,12 +96,12 @@ DECLARATION = Declaration(
         Option("--cycles", "cycles", "Cycles of a test: those measured, else 30.", int, metavar="N"),
         "seed",
         Option(
-            "--target", "measured_point", "The measured point in tool axes; the tip if left out.", metavar='"X Y Z mm"',
+            "--target", "measured_point", "The measured point in tool axes (default: the tip).", metavar='"X Y Z mm"',
             group=ROBOT,
             read=_read("--target", "0 0 100 mm", lambda units, text: units.parse_vector(text, units.LENGTH, count=3)),
         ),
         Option(
-            "--load", "load", "Mass at the target, beside the loads of the sheet.", metavar='"M kg"',
+            "--load", "load", "Mass at the target, in addition to the loads of the sheet.", metavar='"M kg"',
             read=_read("--load", "5 kg", lambda units, text: units.parse(text, units.MASS)),
         ),
         Option("--fit-base", "fit_base", "Align the base by the best fit over the poses.", bool),

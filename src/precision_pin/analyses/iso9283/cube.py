@@ -38,25 +38,29 @@ Solver = Callable[..., Array]
 """Joint values ``(n, P)`` of points ``(3, P)``, NaN where out of reach; with values to start from, of the branch of these."""
 
 LATTICE: Final = 13
-"""Points along an edge of the lattice on which a cube is looked at."""
+"""Points along an edge of the lattice on which a cube is checked."""
 
 # points of the grid along an axis
 _GRID: Final = 17
 # centres along an axis, from which the best is sought
 _CENTRES: Final = 45
-# of the longest edge of the box, on each side: what the box is known from may miss the border
+# fraction of the longest edge of the box, added on each side, because its samples may miss the border
 _MARGIN: Final = 0.05
+# best-rated centres from which a cube is pushed
 _STARTS: Final = 24
+# maximum number of moves of a cube away from the points that block it
 _PUSHES: Final = 20
+# maximum number of rounds of cube, check and new points out of reach, for each clearance
 _ROUNDS: Final = 200
+# bisections of a ray to the border: to 2^-16 of its length
 _HALVINGS: Final = 16
-# share of the edge that is kept clear of points out of reach: more than halving leaves open
+# fraction of the edge kept clear of unreachable points: more than bisection leaves open
 _COARSE, _FINE = 2e-3, 2e-4
-# of cubes whose edges differ by no more the first is taken
+# relative difference of edges up to which the first cube is chosen
 _ALIKE, _ALIKE_FINE = 5e-3, 5e-4
-# places of more centres around that of the coarse cube, by its edge
+# offsets of further centres around the coarse cube's centre, relative to its edge
 _AROUND: Final = np.linspace(-0.02, 0.02, 3)
-# smallest edge by the longest of the box; what is smaller slips through the grid
+# smallest edge relative to the longest of the box; smaller cubes slip through the grid
 _SMALLEST: Final = 0.02
 
 
@@ -76,34 +80,33 @@ def largest_cube(solve: Solver, low: Array, high: Array) -> tuple[float, Array]:
     centres = _grid(low, high, _CENTRES)
     room: Array = cKDTree(blocked.T).query(centres.T, p=np.inf)[0]
     along = np.array([1.0, 0.1, 0.01]) @ ((centres - low[:, None]) / (high - low)[:, None])
-    # among centres whose room differs by no more the one farthest along x comes first, or along y, z: most robots
-    # have several
+    # among centres of equal room the one farthest along x, then y, z, comes first: most robots have several
     preference = 1 + 1e-2 * along
-    edge, near = 0.0, np.zeros((3, 0))
+    edge, near_centres = 0.0, np.zeros((3, 0))
     for clearance, alike in ((_COARSE, _ALIKE), (_FINE, _ALIKE_FINE)):
         for _ in range(_ROUNDS):
-            half, centre = _best(blocked, near, centres, room * preference, alike)
-            edge = 2 * half * (1 - clearance)
+            half_edge, centre = _best(blocked, near_centres, centres, room * preference, alike)
+            edge = 2 * half_edge * (1 - clearance)
             if edge < _SMALLEST * size:
                 return 0.0, (low + high) / 2
             lattice = lattice_of(edge, centre)
             q = solve(lattice)
             start = q[:, lattice.shape[1] // 2]
-            outside = lattice[:, np.isnan(q[0])]
-            if clearance == _FINE and not outside.size:
+            unreached = lattice[:, np.isnan(q[0])]
+            if clearance == _FINE and not unreached.size:
                 faces = _faces(edge, centre)
-                outside = faces[:, np.isnan(solve(faces)[0])]
-            if not outside.size:
+                unreached = faces[:, np.isnan(solve(faces)[0])]
+            if not unreached.size:
                 break
-            # most points of the border that are sought in a round
-            found = outside[:, :: -(-outside.shape[1] // 80)]
-            found = np.column_stack([centre, found]) if np.isnan(start[0]) else _border(solve, centre, start, found)
-            blocked = np.concatenate([blocked, found], axis=1)
-            room = np.minimum(room, cKDTree(found.T).query(centres.T, p=np.inf)[0])
+            # at most 80 border points per round
+            border = unreached[:, :: -(-unreached.shape[1] // 80)]
+            border = np.column_stack([centre, border]) if np.isnan(start[0]) else _border(solve, centre, start, border)
+            blocked = np.concatenate([blocked, border], axis=1)
+            room = np.minimum(room, cKDTree(border.T).query(centres.T, p=np.inf)[0])
         else:
             return 0.0, (low + high) / 2
         around: Array = np.array(np.meshgrid(_AROUND, _AROUND, _AROUND, indexing="ij")).reshape(3, -1)
-        near = centre[:, None] + edge * around
+        near_centres = centre[:, None] + edge * around
     return edge, centre
 
 
@@ -123,71 +126,71 @@ def _grid(low: Array, high: Array, count: int) -> Array:
     return np.array(np.meshgrid(*lines, indexing="ij")).reshape(3, -1)
 
 
-def _best(blocked: Array, near: Array, centres: Array, rating: Array, alike: float) -> tuple[float, Array]:
+def _best(blocked: Array, first_centres: Array, centres: Array, rating: Array, alike: float) -> tuple[float, Array]:
     """Return half the edge and the centre of the largest cube that holds no blocked point, from the best of many centres.
 
     Of those that are alike one from the centres ``near`` is taken, then the preferred one.
     """
     starts = centres[:, np.argsort(-rating, kind="stable")[:_STARTS]]
-    local = sorted((_pushed(blocked, start) for start in near.T), key=lambda cube: -cube[0])
-    found = [*local, *(_pushed(blocked, start) for start in starts.T)]
-    largest = max(half for half, _ in found)
-    return next(cube for cube in found if cube[0] >= largest * (1 - alike))
+    local = sorted((_push_cube(blocked, start) for start in first_centres.T), key=lambda cube: -cube[0])
+    cubes = [*local, *(_push_cube(blocked, start) for start in starts.T)]
+    largest = max(half_edge for half_edge, _ in cubes)
+    return next(cube for cube in cubes if cube[0] >= largest * (1 - alike))
 
 
-def _pushed(blocked: Array, centre: Array) -> tuple[float, Array]:
+def _push_cube(blocked: Array, centre: Array) -> tuple[float, Array]:
     """Return half the edge and the centre of a cube that is pushed away from the points that block it.
 
     A point blocks on the side where it is farthest from the centre. The points of each side bound a box that holds none, and
     the centre of the box has at least as much room.
     """
-    best, at_best = 0.0, centre
+    half_edge, best_centre = 0.0, centre
     for _ in range(_PUSHES):
         gaps = blocked - centre[:, None]
         side = np.argmax(np.abs(gaps), axis=0)
         farthest = np.take_along_axis(gaps, side[None], axis=0)[0]
-        half = float(np.abs(farthest).min())
-        if half <= best * (1 + 1e-6):
+        candidate = float(np.abs(farthest).min())
+        if candidate <= half_edge * (1 + 1e-6):
             break
-        best, at_best = half, centre
-        above = [gaps[k, (side == k) & (farthest > 0)].min(initial=np.inf) for k in range(3)]
-        below = [gaps[k, (side == k) & (farthest <= 0)].max(initial=-np.inf) for k in range(3)]
-        shift = np.add(above, below) / 2
+        half_edge, best_centre = candidate, centre
+        upper = [gaps[k, (side == k) & (farthest > 0)].min(initial=np.inf) for k in range(3)]
+        lower = [gaps[k, (side == k) & (farthest <= 0)].max(initial=-np.inf) for k in range(3)]
+        shift = np.add(upper, lower) / 2
         centre = centre + np.where(np.isfinite(shift), shift, 0.0)
-    return best, at_best
+    return half_edge, best_centre
 
 
-def _border(solve: Solver, inside: Array, start: Array, outside: Array) -> Array:
+def _border(solve: Solver, inner: Array, start: Array, outer: Array) -> Array:
     """Return points ``(3, P)`` out of reach, next to the border, between a point within reach and others out of reach.
 
     Steps from a solution follow one branch of the inverse kinematics. Where it ends all are asked: what another branch
     reaches is followed from there. `start` is the solution ``(n,)`` of the point within reach.
     """
-    ways = outside - inside[:, None]
-    near, far = np.zeros(outside.shape[1]), np.ones(outside.shape[1])
-    q, left = np.repeat(start[:, None], outside.shape[1], axis=1), np.arange(outside.shape[1])
-    # most branches that are followed towards a point out of reach
+    rays = outer - inner[:, None]
+    near, far = np.zeros(outer.shape[1]), np.ones(outer.shape[1])
+    q, ids = np.repeat(start[:, None], outer.shape[1], axis=1), np.arange(outer.shape[1])
+    # maximum number of branches followed towards an unreachable point
     for _ in range(8):
         for _ in range(_HALVINGS):
-            middle = (near[left] + far[left]) / 2
-            found = solve(inside[:, None] + middle * ways[:, left], q[:, left])
-            within = np.isfinite(found[0])
-            near[left], far[left] = np.where(within, middle, near[left]), np.where(within, far[left], middle)
-            q[:, left[within]] = found[:, within]
-        found = solve(inside[:, None] + far[left] * ways[:, left])
-        within = np.isfinite(found[0])
-        left = left[within]
-        near[left], far[left], q[:, left] = far[left], 1.0, found[:, within]
-        if not left.size:
+            middle = (near[ids] + far[ids]) / 2
+            solutions = solve(inner[:, None] + middle * rays[:, ids], q[:, ids])
+            within = np.isfinite(solutions[0])
+            near[ids], far[ids] = (np.where(within, middle, near[ids]), np.where(within, far[ids], middle))
+            q[:, ids[within]] = solutions[:, within]
+        solutions = solve(inner[:, None] + far[ids] * rays[:, ids])
+        within = np.isfinite(solutions[0])
+        ids = ids[within]
+        near[ids], far[ids], q[:, ids] = far[ids], 1.0, solutions[:, within]
+        if not ids.size:
             break
-    return inside[:, None] + far * ways
+    return inner[:, None] + far * rays
 
 
 PLANES: Final = ("y, rising with x", "y, falling with x", "x, rising with y", "x, falling with y")
 """The four diagonal planes of a cube with horizontal edges: the base axis of these, and how the plane slopes."""
 # distance of P2 to P5 from the centre along each axis, by the edge: the standard's 10 % within the cube's corners
 _SHARE: Final = 0.4
-# velocity of a joint, by that of the fastest, below which it does not move on the last piece of a path
+# velocity of a joint, relative to the fastest, below which it does not move on the last segment of a path
 _STILL: Final = 1e-6
 
 
@@ -210,7 +213,7 @@ class Cube(Record):
 
     @property
     def plane_name(self) -> str:
-        """The plane in words."""
+        """Name of the plane."""
         return PLANES[self.plane]
 
     def points(self) -> Array:
@@ -268,11 +271,11 @@ def _poses_in_cube(tool: ToolPoses) -> tuple[Cube, Array]:
 
 def _follow(tool: ToolPoses, cube: Cube) -> Array:
     points = cube.points()
-    first = tool.solve(points[:, :1])
-    q = tool.solve(points, np.repeat(first, 5, axis=1))
-    missed = np.isnan(q[0])
-    if missed.any():  # not within Newton's reach from P1
-        q[:, missed] = tool.solve(points[:, missed])
+    start = tool.solve(points[:, :1])
+    q = tool.solve(points, np.repeat(start, 5, axis=1))
+    is_missing = np.isnan(q[0])
+    if is_missing.any():  # not within Newton's reach from P1
+        q[:, is_missing] = tool.solve(points[:, is_missing])
     return q
 
 
@@ -282,24 +285,27 @@ def paths_of_approach(jacobian: Array) -> list[tuple[int, ...]]:
     Args:
         jacobian: Velocity of the target and of the tool's angles by those of the joints, base axes, ``(6, n)``.
     """
-    moved = np.linalg.pinv(jacobian if jacobian.shape[1] >= 6 else jacobian[:3])[:, :3]
-    size = np.abs(moved).max(axis=0, initial=1e-300)
-    signs = np.where(np.abs(moved) > _STILL * size, np.sign(moved), 0.0)
+    velocities = np.linalg.pinv(jacobian if jacobian.shape[1] >= 6 else jacobian[:3])[:, :3]
+    size = np.abs(velocities).max(axis=0, initial=1e-300)
+    signs = np.where(np.abs(velocities) > _STILL * size, np.sign(velocities), 0.0)
     return [tuple(int(sign) for sign in column) for column in signs.T]
 
 
 # configurations that steps start from, drawn evenly between the limits
 _KNOWN: Final = 40_000
+# seed of these configurations, the number of the standard
 _SEED: Final = 9283
+# nearest known configurations that steps to a point start from
 _NEAREST: Final = 10
+# nearest solved points from which an unsolved one is retried
 _NEIGHBOURS: Final = 6
-# points found in a call, from which its solutions are starts of later calls
+# minimum number of points solved in a call whose solutions start later calls
 _MANY: Final = 100
 
 
 @dataclass(frozen=True, eq=False)
 class ToolPoses:
-    """Joint values for points that the tool takes with one orientation.
+    """Joint values that place the tool at given points with a fixed orientation.
 
     Attributes:
         chain: The arm.
@@ -327,53 +333,53 @@ class ToolPoses:
                 earlier call found, then the nearest known configurations, then the solutions of more points nearby.
         """
         if starts is not None:
-            return self._allowed(self._descend(points, starts))
-        found = np.full((len(self.chain.joints), points.shape[1]), np.nan)
-        if self._found:
-            found = self._from(points, self._beside(points, 1), found)
-        left = np.flatnonzero(np.isnan(found[0]))
-        nearest = self._known[0][:, self._nearest(points[:, left])]
-        found[:, left] = self._from(points[:, left], nearest[..., :1], found[:, left])
-        still = np.isnan(found[0, left])
-        found[:, left[still]] = self._from(points[:, left[still]], nearest[:, still, 1:], found[:, left[still]])
-        known, left = np.isfinite(found[0]), np.flatnonzero(np.isnan(found[0]))
-        if np.count_nonzero(known) >= (_MANY if self._found else _NEIGHBOURS):
-            self._found.append((points[:, known], found[:, known]))
-            self.__dict__.pop("_found_tree", None)
-        if self._found and left.size:
-            # a point that was missed beside some that were found is tried again from there
-            found[:, left] = self._from(points[:, left], self._beside(points[:, left], _NEIGHBOURS), found[:, left])
-        return found
-
-    def _from(self, points: Array, starts: Array, found: Array) -> Array:
-        """Return joint values ``(n, P)`` after steps from starts ``(n, P, K)``, those found before where none arrive."""
-        count = starts.shape[2]
-        arrived = self._allowed(self._descend(np.repeat(points, count, axis=1), starts.reshape(starts.shape[0], -1)))
-        arrived = arrived.reshape(starts.shape)
-        first = np.argmax(np.isfinite(arrived[0]), axis=1)
-        chosen: Array = np.take_along_axis(arrived, first[None, :, None], axis=2)[..., 0]
-        return np.where(np.isnan(chosen[:1]), found, chosen)
-
-    def _allowed(self, q: Array) -> Array:
-        known = np.flatnonzero(np.isfinite(q[0]))
-        if self.avoids and self.chain.collision_check is not None and known.size:
-            free = self.chain.collision_check.free(np.ascontiguousarray(q[:, known]))
-            q[:, known[~free]] = np.nan
+            return self._drop_collisions(self._descend(points, starts))
+        q = np.full((len(self.chain.joints), points.shape[1]), np.nan)
+        if self._solutions:
+            q = self._steps_from(points, self._nearby(points, 1), q)
+        gaps = np.flatnonzero(np.isnan(q[0]))
+        nearest = self._known[0][:, self._nearest(points[:, gaps])]
+        q[:, gaps] = self._steps_from(points[:, gaps], nearest[..., :1], q[:, gaps])
+        is_gap = np.isnan(q[0, gaps])
+        q[:, gaps[is_gap]] = self._steps_from(points[:, gaps[is_gap]], nearest[:, is_gap, 1:], q[:, gaps[is_gap]])
+        is_found, gaps = np.isfinite(q[0]), np.flatnonzero(np.isnan(q[0]))
+        if np.count_nonzero(is_found) >= (_MANY if self._solutions else _NEIGHBOURS):
+            self._solutions.append((points[:, is_found], q[:, is_found]))
+            self.__dict__.pop("_solution_tree", None)
+        if self._solutions and gaps.size:
+            # retry unsolved points from their neighbours' solutions
+            q[:, gaps] = self._steps_from(points[:, gaps], self._nearby(points[:, gaps], _NEIGHBOURS), q[:, gaps])
         return q
 
-    def _beside(self, points: Array, count: int) -> Array:
-        """Return the solutions ``(n, P, count)`` of the nearest points that were found earlier."""
-        tree, q = self._found_tree
+    def _steps_from(self, points: Array, starts: Array, fallback: Array) -> Array:
+        """Return joint values ``(n, P)`` after steps from starts ``(n, P, K)``, those found before where none arrive."""
+        count = starts.shape[2]
+        q = self._drop_collisions(self._descend(np.repeat(points, count, axis=1), starts.reshape(starts.shape[0], -1)))
+        q = q.reshape(starts.shape)
+        first_trial = np.argmax(np.isfinite(q[0]), axis=1)
+        solutions: Array = np.take_along_axis(q, first_trial[None, :, None], axis=2)[..., 0]
+        return np.where(np.isnan(solutions[:1]), fallback, solutions)
+
+    def _drop_collisions(self, q: Array) -> Array:
+        finite = np.flatnonzero(np.isfinite(q[0]))
+        if self.avoids and self.chain.collision_check is not None and finite.size:
+            is_free = self.chain.collision_check.free(np.ascontiguousarray(q[:, finite]))
+            q[:, finite[~is_free]] = np.nan
+        return q
+
+    def _nearby(self, points: Array, count: int) -> Array:
+        """Return the solutions ``(n, P, count)`` of the nearest points solved earlier."""
+        tree, q = self._solution_tree
         return q[:, tree.query(points.T, k=np.arange(1, count + 1))[1]]
 
     @cached_property
-    def _found(self) -> list[tuple[Array, Array]]:
-        """Points and joint values that earlier calls for many points have found."""
+    def _solutions(self) -> list[tuple[Array, Array]]:
+        """Solved points and joint values of earlier calls with many points."""
         return []
 
     @cached_property
-    def _found_tree(self) -> tuple[cKDTree, Array]:
-        points, q = (np.concatenate(parts, axis=1) for parts in zip(*self._found, strict=True))
+    def _solution_tree(self) -> tuple[cKDTree, Array]:
+        points, q = (np.concatenate(parts, axis=1) for parts in zip(*self._solutions, strict=True))
         return cKDTree(points.T), q
 
     @property
@@ -391,13 +397,13 @@ class ToolPoses:
     @cached_property
     def _limits(self) -> tuple[Array, Array]:
         low, high = self.chain.configurations.limits
-        # a full turn is enough of a joint that turns farther
-        turns = (high - low >= 2 * np.pi) & ~np.array(self.chain.prismatic)
-        return np.where(turns, -np.pi, low), np.where(turns, np.pi, high)
+        # one turn suffices for a joint with a larger range
+        is_full_turn = (high - low >= 2 * np.pi) & ~np.array(self.chain.prismatic)
+        return np.where(is_full_turn, -np.pi, low), np.where(is_full_turn, np.pi, high)
 
     @cached_property
     def _known(self) -> tuple[Array, Array]:
-        """Configurations ``(n, K)``, and position of the target and scaled axes of the tool, ``(K, 3 or 12)``."""
+        """Configurations ``(n, K)``, with target position and scaled tool axes, ``(K, 3 or 12)``."""
         low, high = self._limits
         q = low[:, None] + (high - low)[:, None] * np.random.default_rng(_SEED).random((low.size, _KNOWN))
         pose = self.chain.at_columns(q).pose
@@ -423,18 +429,20 @@ class ToolPoses:
 
     @cached_property
     def _arm(self) -> tuple[Array, Array, Array]:
-        """Constant poses up to the point that is to be at the points, axes, and which joints slide."""
-        end = self.chain.target_placement @ se3.translation(self.target)
-        return np.array([*self.chain.placements[:-1], end]), np.array(self.chain.axes), np.array(self.chain.prismatic)
+        """Constant placements up to the tool point, axes, and mask of prismatic joints."""
+        tool = self.chain.target_placement @ se3.translation(self.target)
+        return np.array([*self.chain.placements[:-1], tool]), np.array(self.chain.axes), np.array(self.chain.prismatic)
 
 
 ARRIVED: Final = 1e-6
-"""What may be missing: m, and angles in units of length."""
+"""Convergence tolerance: m, angles scaled to lengths."""
+# maximum number of steps to a pose
 _ITERATIONS: Final = 30
 # rad, and m
 _LONGEST_STEP: Final = 0.5
-# share of the error that is left after some steps where they lead nowhere
+# remaining error fraction at which the iteration counts as stalled
 _STALLED: Final = 0.9
+# steps between two checks that the error still falls
 _PATIENCE: Final = 6
 
 
@@ -457,65 +465,65 @@ def descend(
         begin: Joint values to start from, ``(n, P)``.
     """
     q, size = np.array(begin.T, order="C"), 6 if scale > 0 else 3
-    found, n = np.full(q.shape, np.nan), q.shape[1]
+    solutions, n = np.full(q.shape, np.nan), q.shape[1]
     scratch = (
         np.zeros((n + 1, 3, 4)), np.zeros((n, 3)), np.zeros((size, n)), np.zeros((size, size + 1)), np.zeros(size), np.zeros(n)
     )  # fmt: skip
-    call(_descend, (*arm, *limits, orientation, scale, np.ascontiguousarray(points.T), q, found, *scratch))
-    return found.T
+    call(_descend, (*arm, *limits, orientation, scale, np.ascontiguousarray(points.T), q, solutions, *scratch))
+    return solutions.T
 
 
 @cached_entry
 def _descend(
     placements: Array, axes: Array, slides: Any, low: Array, high: Array, orientation: Array, scale: float,
-    points: Array, q: Array, found: Array,
+    points: Array, q: Array, solutions: Array,
     frames: Array, turned: Array, slopes: Array, square: Array, error: Array, step: Array,
 ) -> None:  # fmt: skip
     n, m = len(axes), len(error)
     for point in range(len(points)):
-        here, before = q[point], np.inf
+        joints, previous = q[point], np.inf
         for iteration in range(_ITERATIONS):
-            _go(placements, axes, slides, here, frames, turned)
+            _forward_kinematics(placements, axes, slides, joints, frames, turned)
             tip = frames[n]
             for i in range(3):
                 error[i] = points[point, i] - tip[i, 3]
             if m == 6:
-                _turn_left(orientation, tip, scale, error)
+                _orientation_error(orientation, tip, scale, error)
             size = 0.0
             for i in range(m):
                 size += error[i] * error[i]
             size = np.sqrt(size)
             if size < ARRIVED:
                 for k in range(n):
-                    found[point, k] = here[k]
+                    solutions[point, k] = joints[k]
                 break
             if iteration % _PATIENCE == _PATIENCE - 1:
-                if size >= _STALLED * before:
+                if size >= _STALLED * previous:
                     break
-                before = size
+                previous = size
             for k in range(n):
                 _slope_of(k, frames, turned, slides, tip, scale, slopes)
             _step(slopes, error, size, square, step)
-            # a joint that a limit stops is left out: the others reach what it does not, if they can
-            held = False
+            # a joint at its limit is omitted: the others compensate, if they can
+            is_held = False
             for k in range(n):
-                if (here[k] <= low[k] and step[k] < 0) or (here[k] >= high[k] and step[k] > 0):
-                    held = True
+                if (joints[k] <= low[k] and step[k] < 0) or (joints[k] >= high[k] and step[k] > 0):
+                    is_held = True
                     for i in range(m):
                         slopes[i, k] = 0.0
-            if held:
+            if is_held:
                 _step(slopes, error, size, square, step)
             longest = 0.0
             for k in range(n):
                 longest = max(longest, abs(step[k]))
-            share = min(1.0, _LONGEST_STEP / max(longest, 1e-300))
+            fraction = min(1.0, _LONGEST_STEP / max(longest, 1e-300))
             for k in range(n):
-                here[k] = min(max(here[k] + share * step[k], low[k]), high[k])
+                joints[k] = min(max(joints[k] + fraction * step[k], low[k]), high[k])
 
 
 @inline
-def _go(placements: Array, axes: Array, slides: Any, q: Array, frames: Array, turned: Array) -> None:
-    """Put each joint's frame after its motion, and the tip's, into frames ``(n + 1, 3, 4)``, axes in the base beside them."""
+def _forward_kinematics(placements: Array, axes: Array, slides: Any, q: Array, frames: Array, turned: Array) -> None:
+    """Write the moved joint frames and the tip frame to ``frames`` ``(n + 1, 3, 4)``, joint axes in the base to ``turned``."""
     for k in range(len(frames)):
         link, frame = placements[k], frames[k]
         for i in range(3):
@@ -523,9 +531,9 @@ def _go(placements: Array, axes: Array, slides: Any, q: Array, frames: Array, tu
                 if k == 0:
                     frame[i, j] = link[i, j]
                 else:
-                    last = frames[k - 1]
-                    far = last[i, 3] if j == 3 else 0.0
-                    frame[i, j] = last[i, 0] * link[0, j] + last[i, 1] * link[1, j] + last[i, 2] * link[2, j] + far
+                    base = frames[k - 1]
+                    shift = base[i, 3] if j == 3 else 0.0
+                    frame[i, j] = base[i, 0] * link[0, j] + base[i, 1] * link[1, j] + base[i, 2] * link[2, j] + shift
         if k == len(axes):
             return
         x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
@@ -548,7 +556,7 @@ def _go(placements: Array, axes: Array, slides: Any, q: Array, frames: Array, tu
 
 @inline
 def _slope_of(k: Any, frames: Array, turned: Array, slides: Any, tip: Array, scale: float, slopes: Array) -> None:
-    """Put the derivative of the tool's place by a joint into its column."""
+    """Write the derivative of the tool pose with respect to a joint to its column."""
     x, y, z = turned[k, 0], turned[k, 1], turned[k, 2]
     if slides[k]:
         slopes[0, k], slopes[1, k], slopes[2, k] = x, y, z
@@ -561,17 +569,17 @@ def _slope_of(k: Any, frames: Array, turned: Array, slides: Any, tip: Array, sca
 
 
 @inline
-def _turn_left(wanted: Array, tip: Array, scale: float, error: Array) -> None:
-    """Put the rotation vector from the tip's attitude to the wanted one, base axes, times a length into the error's end."""
-    r00 = wanted[0, 0] * tip[0, 0] + wanted[0, 1] * tip[0, 1] + wanted[0, 2] * tip[0, 2]
-    r01 = wanted[0, 0] * tip[1, 0] + wanted[0, 1] * tip[1, 1] + wanted[0, 2] * tip[1, 2]
-    r02 = wanted[0, 0] * tip[2, 0] + wanted[0, 1] * tip[2, 1] + wanted[0, 2] * tip[2, 2]
-    r10 = wanted[1, 0] * tip[0, 0] + wanted[1, 1] * tip[0, 1] + wanted[1, 2] * tip[0, 2]
-    r11 = wanted[1, 0] * tip[1, 0] + wanted[1, 1] * tip[1, 1] + wanted[1, 2] * tip[1, 2]
-    r12 = wanted[1, 0] * tip[2, 0] + wanted[1, 1] * tip[2, 1] + wanted[1, 2] * tip[2, 2]
-    r20 = wanted[2, 0] * tip[0, 0] + wanted[2, 1] * tip[0, 1] + wanted[2, 2] * tip[0, 2]
-    r21 = wanted[2, 0] * tip[1, 0] + wanted[2, 1] * tip[1, 1] + wanted[2, 2] * tip[1, 2]
-    r22 = wanted[2, 0] * tip[2, 0] + wanted[2, 1] * tip[2, 1] + wanted[2, 2] * tip[2, 2]
+def _orientation_error(target: Array, tip: Array, scale: float, error: Array) -> None:
+    """Write the rotation vector from tip to target orientation, base axes, times a length to the last three entries of error."""
+    r00 = target[0, 0] * tip[0, 0] + target[0, 1] * tip[0, 1] + target[0, 2] * tip[0, 2]
+    r01 = target[0, 0] * tip[1, 0] + target[0, 1] * tip[1, 1] + target[0, 2] * tip[1, 2]
+    r02 = target[0, 0] * tip[2, 0] + target[0, 1] * tip[2, 1] + target[0, 2] * tip[2, 2]
+    r10 = target[1, 0] * tip[0, 0] + target[1, 1] * tip[0, 1] + target[1, 2] * tip[0, 2]
+    r11 = target[1, 0] * tip[1, 0] + target[1, 1] * tip[1, 1] + target[1, 2] * tip[1, 2]
+    r12 = target[1, 0] * tip[2, 0] + target[1, 1] * tip[2, 1] + target[1, 2] * tip[2, 2]
+    r20 = target[2, 0] * tip[0, 0] + target[2, 1] * tip[0, 1] + target[2, 2] * tip[0, 2]
+    r21 = target[2, 0] * tip[1, 0] + target[2, 1] * tip[1, 1] + target[2, 2] * tip[1, 2]
+    r22 = target[2, 0] * tip[2, 0] + target[2, 1] * tip[2, 1] + target[2, 2] * tip[2, 2]
     # the unit quaternion by its largest part, as in se3.log_rotation
     trace = r00 + r11 + r22
     if trace >= r00 and trace >= r11 and trace >= r22:
@@ -591,7 +599,7 @@ def _turn_left(wanted: Array, tip: Array, scale: float, error: Array) -> None:
 
 @inline
 def _step(slopes: Array, error: Array, size: float, square: Array, step: Array) -> None:
-    """Put Jᵀ (J Jᵀ + λ 1)⁻¹ e, damped by the square of the error (Sugihara 2011), into a step; by Cholesky's factor."""
+    """Write Jᵀ (J Jᵀ + λ 1)⁻¹ e, damped by the squared error (Sugihara 2011), to step, by Cholesky factorisation."""
     m, n = slopes.shape
     damping = 1e-2 * size * size + 1e-12
     for i in range(m):
@@ -603,14 +611,14 @@ def _step(slopes: Array, error: Array, size: float, square: Array, step: Array) 
                 total -= square[i, k] * square[j, k]
             # rounding must not make a square negative
             square[i, j] = np.sqrt(max(total, 1e-18)) if i == j else total / square[j, j]
-    # the last column: the weights
+    # the last column holds the weights
     for i in range(m):
         total = error[i]
         for k in range(i):
             total -= square[i, k] * square[k, m]
         square[i, m] = total / square[i, i]
-    for back in range(m):
-        i = m - 1 - back
+    for count in range(m):
+        i = m - 1 - count
         total = square[i, m]
         for k in range(i + 1, m):
             total -= square[k, i] * square[k, m]

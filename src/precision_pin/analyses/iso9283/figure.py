@@ -17,17 +17,19 @@ from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figur
 from precision_pin.render.html import items, paragraph, section, table
 from precision_pin.render.scene import Chapter
 
+# bins of the density
 _BINS: Final = 30
 # half the width of a law on the pose axis
 _HALF_WIDTH: Final = 0.4
+# maximum number of letters of a pose's name
 _MOST_LETTERS: Final = 14
 
 
 def figure(result: Iso9283Result) -> Figure:
     """Return the figure, 174 mm wide: a panel for AP and one for RP."""
     with style():
-        made = new_figure(DOUBLE_COLUMN)
-        panels = made.subplots(1, 2)
+        drawing = new_figure(DOUBLE_COLUMN)
+        panels = drawing.subplots(1, 2)
         for axes, name in zip(panels, ("AP", "RP"), strict=True):
             _draw(axes, result, name)
         of = result.provenance
@@ -36,27 +38,27 @@ def figure(result: Iso9283Result) -> Figure:
             "robots and tests"
         )
         title = f"ISO 9283 of {visible(of.robot, 60)}: {visible(of.base, 30)} to {visible(of.tip, 30)}"
-        frame(made, panels, title, caption, 80.0)
-    return made
+        frame(drawing, panels, title, caption, 80.0)
+    return drawing
 
 
 def _draw(axes: Axes, result: Iso9283Result, name: str) -> None:
     laws, measured = [getattr(at, name) for at in result.poses.values()], result.measured
-    values = [] if measured is None else [one.value for one in measured.figures if one.name == name]
+    values = [] if measured is None else [entry.value for entry in measured.figures if entry.name == name]
     unit = WrittenUnit.of_axis("position.norm", max([float(law.sorted[-1]) for law in laws] + values))
     for place, (pose, law) in enumerate(zip(result.poses, laws, strict=True), start=1):
         _draw_law(axes, place, law.values * unit.per_si)
         for level, colour, dashes, label in ((0.5, BLUE, "-", "median"), (0.95, PURPLE, "--", "95 % of robots")):
             quantile = law.resolved_quantile(level)
             if quantile is not None:
-                ends = [place - _HALF_WIDTH, place + _HALF_WIDTH]
-                axes.plot(ends, [quantile * unit.per_si] * 2, color=colour, linestyle=dashes, label=label)
+                span = [place - _HALF_WIDTH, place + _HALF_WIDTH]
+                axes.plot(span, [quantile * unit.per_si] * 2, color=colour, linestyle=dashes, label=label)
         if name == "RP":
             limit = result.poses[pose].RP_limit.mean * unit.per_si
             axes.plot(place, limit, color=BLACK, marker="_", markersize=9, linestyle="", label="RP of endless cycles")
-        found = None if measured is None else measured.figure(pose, name)
-        if found is not None:
-            value = found.value * unit.per_si
+        reading = None if measured is None else measured.figure(pose, name)
+        if reading is not None:
+            value = reading.value * unit.per_si
             axes.plot(place, value, color=VERMILION, marker="D", markersize=4, linestyle="", label="measured")
     if name == "RP" and all(float(law.sorted[-1]) == 0 for law in laws):
         axes.text(0.5, 0.5, "0: every cycle is as the first", ha="center", transform=axes.transAxes)
@@ -76,13 +78,13 @@ def _draw_law(axes: Axes, place: int, values: np.ndarray) -> None:
     if values.max() - values.min() <= 1e-9 * abs(values.max()):
         return
     density, edges = np.histogram(values, bins=_BINS, density=True)
-    half = np.repeat(_HALF_WIDTH * density / density.max(), 2)
-    axes.fill_betweenx(np.repeat(edges, 2)[1:-1], place - half, place + half, color=SKY, alpha=0.55, linewidth=0)
+    widths = np.repeat(_HALF_WIDTH * density / density.max(), 2)
+    axes.fill_betweenx(np.repeat(edges, 2)[1:-1], place - widths, place + widths, color=SKY, alpha=0.55, linewidth=0)
 
 
 def iso9283_chapter(result: Iso9283Result) -> Chapter:
     """Return the forecast as a chapter."""
-    said = answers(result)
+    sentences = answers(result)
     tables = [
         table(caption, rows[0], rows[1:])
         for caption, rows in (
@@ -95,10 +97,10 @@ def iso9283_chapter(result: Iso9283Result) -> Chapter:
     picture = inline_figure(
         figure(result),
         "iso9283",
-        f"AP and RP at the poses: {said[0]}",
+        f"AP and RP at the poses: {sentences[0]}",
         "Laws of AP and RP over built robots and over tests.",
     )
     absent = [f"{name}: none, {why}" for name, why in result.absent.items()]
     notes = [paragraph(line, class_="note") for line in (*setting_lines(result), *absent)]
-    content = section("iso9283", "ISO 9283", items(said), picture, *tables, *notes)
-    return Chapter("iso9283", "ISO 9283", content, tuple(f"By ISO 9283: {line}" for line in said))
+    content = section("iso9283", "ISO 9283", items(sentences), picture, *tables, *notes)
+    return Chapter("iso9283", "ISO 9283", content, tuple(f"By ISO 9283: {line}" for line in sentences))

@@ -74,12 +74,12 @@ def distance_figures(commanded: Array, first: Array, second: Array) -> tuple[Arr
 
     ``commanded`` is the first minus the second commanded position, ``(3,)``.
     """
-    apart = first - second
-    along = np.abs(apart)
-    wanted = np.abs(commanded).reshape((3,) + (1,) * (along.ndim - 2))
-    distances = _norm(apart, axis=1)
+    differences = first - second
+    along = np.abs(differences)
+    nominal = np.abs(commanded).reshape((3,) + (1,) * (along.ndim - 2))
+    distances = _norm(differences, axis=1)
     accuracy = barycentre(distances) - np.sqrt((commanded * commanded).sum())
-    return accuracy, scatter(distances), barycentre(along) - wanted, scatter(along)
+    return accuracy, scatter(distances), barycentre(along) - nominal, scatter(along)
 
 
 def angles_of(rotation: Array) -> Array:
@@ -98,14 +98,14 @@ def fit_to(points: Array, deviations: Array) -> tuple[Array, Array]:
     The fit minimises the sum of squared distances at the poses over all motions of the base (Kabsch 1976).
     """
     attained = points[:, :, None] + deviations
-    centre, wanted = attained.mean(axis=0), points.mean(axis=0)
-    cross = np.einsum("pi,pjn->nij", points - wanted, attained - centre)
-    left, _, right = np.linalg.svd(cross)
+    centre, target = attained.mean(axis=0), points.mean(axis=0)
+    cross = np.einsum("pi,pjn->nij", points - target, attained - centre)
+    left_vectors, _, right_vectors = np.linalg.svd(cross)
     # a reflection is not a motion
-    left[:, :, 2] *= np.sign(np.linalg.det(left) * np.linalg.det(right))[:, None]
-    turn = np.einsum("nij,njk->ikn", left, right)
-    moved = np.einsum("ijn,pjn->pin", turn, attained - centre) + wanted[:, None]
-    return turn, moved - points[:, :, None]
+    left_vectors[:, :, 2] *= np.sign(np.linalg.det(left_vectors) * np.linalg.det(right_vectors))[:, None]
+    rotation = np.einsum("nij,njk->ikn", left_vectors, right_vectors)
+    aligned = np.einsum("ijn,pjn->pin", rotation, attained - centre) + target[:, None]
+    return rotation, aligned - points[:, :, None]
 
 
 DISTANCE: Final = (1, 3)
@@ -233,11 +233,11 @@ def iso9283_of(commanded: ArrayLike, attained: ArrayLike) -> MeasuredPose:
         >>> print(round(1e3 * figures.AP, 3), round(1e3 * figures.RP, 3))
         2.0 2.232
     """
-    wanted = _read_pose("the commanded pose", commanded)
+    pose = _read_pose("the commanded pose", commanded)
     cycles = _read_cycles("the attained poses", attained)
-    _warn_near_singularity(wanted)
-    accuracy, along, about, repeated, turns = pose_figures(*_deviations(wanted, cycles))
-    return MeasuredPose(**_named("AP", accuracy, x_y_z=along, a_b_c=about), **_named("RP", repeated, a_b_c=turns))
+    _warn_near_singularity(pose)
+    accuracy, along, about, repeated, spreads = pose_figures(*_pose_deviations(pose, cycles))
+    return MeasuredPose(**_by_name("AP", accuracy, x_y_z=along, a_b_c=about), **_by_name("RP", repeated, a_b_c=spreads))
 
 
 @warns_at_end
@@ -260,112 +260,113 @@ def iso9283_distance(commanded_pair: ArrayLike, attained_pair: ArrayLike) -> Mea
         1.0
     """
     names = ("first", "second")
-    wanted = [
-        _read_pose(f"the {name} commanded pose", one)
-        for name, one in zip(names, _two("the commanded poses", commanded_pair), strict=True)
+    commanded = [
+        _read_pose(f"the {name} commanded pose", value)
+        for name, value in zip(names, _check_pair("the commanded poses", commanded_pair), strict=True)
     ]
     cycles = [
-        _read_cycles(f"the attained poses at the {name}", one)
-        for name, one in zip(names, _two("the attained poses", attained_pair), strict=True)
+        _read_cycles(f"the attained poses at the {name}", value)
+        for name, value in zip(names, _check_pair("the attained poses", attained_pair), strict=True)
     ]
     if len({poses.shape[-1] for poses in cycles}) > 1:
         counts = " and ".join(str(poses.shape[-1]) for poses in cycles)
         raise InputError(f"{counts} cycles at the two poses; a distance needs both poses in every cycle")
-    for pose in wanted:
+    for pose in commanded:
         _warn_near_singularity(pose)
     accuracy, repeated, along, scattered = distance_figures(
-        wanted[0][:3, 3] - wanted[1][:3, 3], *(poses[:3, 3].T for poses in cycles)
+        commanded[0][:3, 3] - commanded[1][:3, 3], *(poses[:3, 3].T for poses in cycles)
     )
-    commanded_angles = angles_of(wanted[0][:3, :3]) - angles_of(wanted[1][:3, :3])
-    turned = [_deviations(one, poses)[1] for one, poses in zip(wanted, cycles, strict=True)]
+    commanded_angles = angles_of(commanded[0][:3, :3]) - angles_of(commanded[1][:3, :3])
+    turned = [_pose_deviations(pose, poses)[1] for pose, poses in zip(commanded, cycles, strict=True)]
     angles = np.abs(commanded_angles + turned[0] - turned[1])
     change = barycentre(angles) - np.abs(commanded_angles)
     return MeasuredDistance(
-        **_named("AD", accuracy, x_y_z=along, a_b_c=change),
-        **_named("RD", repeated, x_y_z=scattered, a_b_c=scatter(angles)),
+        **_by_name("AD", accuracy, x_y_z=along, a_b_c=change),
+        **_by_name("RD", repeated, x_y_z=scattered, a_b_c=scatter(angles)),
     )
 
 
-def _named(figure: str, value: Array, **vectors: Array) -> dict[str, float]:
+def _by_name(figure: str, value: Array, **vectors: Array) -> dict[str, float]:
     """Return a figure and its parts by name: ``AP``, and from ``a_b_c`` ``AP_a``, ``AP_b``, ``AP_c``."""
-    found = {figure: float(value)}
+    figures = {figure: float(value)}
     for axes, vector in vectors.items():
-        found |= {f"{figure}_{axis}": float(part) for axis, part in zip(axes.split("_"), vector, strict=True)}
-    return found
+        figures |= {f"{figure}_{axis}": float(part) for axis, part in zip(axes.split("_"), vector, strict=True)}
+    return figures
 
 
-def _deviations(wanted: Array, cycles: Array) -> tuple[Array, Array]:
+def _pose_deviations(commanded: Array, cycles: Array) -> tuple[Array, Array]:
     """Return attained minus commanded positions and the angles between the orientations, ``(n, 3)`` each."""
-    turns = np.einsum("ijn,kj->ikn", cycles[:3, :3], wanted[:3, :3])
-    return (cycles[:3, 3] - wanted[:3, 3, None]).T, angles_of(turns).T
+    rotations = np.einsum("ijn,kj->ikn", cycles[:3, :3], commanded[:3, :3])
+    return (cycles[:3, 3] - commanded[:3, 3, None]).T, angles_of(rotations).T
 
 
-def _warn_near_singularity(wanted: Array) -> None:
-    b = float(angles_of(wanted[:3, :3])[1])
+def _warn_near_singularity(commanded: Array) -> None:
+    b = float(angles_of(commanded[:3, :3])[1])
     if math.cos(b) < _NEAR:
         message = (
             f"the commanded orientation has b = {math.degrees(b):.4g} deg, near the singularity of a, b, c at 90 deg: "
-            "the scatter of a and c that a control shows there is larger than that about the axes, which is given here"
+            "the scatter of a and c that a control shows there is larger than the scatter about the axes, which is given here"
         )
         add([Finding("warning", "W_ANGLES", message)])
 
 
-def _two(what: str, pair: object) -> tuple[object, object]:
+def _check_pair(subject: str, pair: object) -> tuple[object, object]:
     if isinstance(pair, list | tuple | np.ndarray) and len(pair) == 2:
         return pair[0], pair[1]
-    raise InputError(f"{what} must be two, in a list or an array, got {shown(pair)}")
+    raise InputError(f"{subject} must be two, in a list or an array, got {shown(pair)}")
 
 
-def _read_pose(what: str, value: object) -> Array:
-    numbers = _read_numbers(what, value, "a pose (4, 4), or position and rpy (6,), in m and rad")
+def _read_pose(subject: str, value: object) -> Array:
+    numbers = _read_numbers(subject, value, "a pose (4, 4), or position and rpy (6,), in m and rad")
     if numbers.shape == (6,):
         return se3.pose(se3.rpy_rotation(numbers[3:]), numbers[:3])
     if numbers.shape != (4, 4):
         raise InputError(
-            f"{what} must be a pose (4, 4), or position and rpy (6,), got an array of shape {numbers.shape}"
+            f"{subject} must be a pose (4, 4), or position and rpy (6,), got an array of shape {numbers.shape}"
         )
-    _check_rigid(what, numbers[..., None])
+    _check_rigid(subject, numbers[..., None])
     return numbers
 
 
-def _read_cycles(what: str, values: object) -> Array:
-    numbers = _read_numbers(what, values, "poses (n, 4, 4), or positions and rpy (n, 6), in m and rad")
+def _read_cycles(subject: str, values: object) -> Array:
+    numbers = _read_numbers(subject, values, "poses (n, 4, 4), or positions and rpy (n, 6), in m and rad")
     if numbers.shape[1:] not in ((4, 4), (6,)):
         raise InputError(
-            f"{what} must be poses (n, 4, 4), or positions and rpy (n, 6), got an array of shape {numbers.shape}"
+            f"{subject} must be poses (n, 4, 4), or positions and rpy (n, 6), got an array of shape {numbers.shape}"
         )
     if len(numbers) < 2:
-        raise InputError(f"{what} must be of at least 2 cycles, got {len(numbers)}; the standard has 30")
+        raise InputError(f"{subject} must be of at least 2 cycles, got {len(numbers)}; the standard has 30")
     if numbers.ndim == 3:
         poses = np.moveaxis(numbers, 0, -1)
-        _check_rigid(what, poses)
+        _check_rigid(subject, poses)
         return poses
     roll, pitch, yaw = numbers[:, 3:].T
     about = (((0, 0, 1), yaw), ((0, 1, 0), pitch), ((1, 0, 0), roll))
-    turns = [se3.rotation_about(axis, angle) for axis, angle in about]
-    return se3.pose(np.einsum("ijn,jkn,kln->iln", *turns), numbers[:, :3].T)
+    rotations = [se3.rotation_about(axis, angle) for axis, angle in about]
+    return se3.pose(np.einsum("ijn,jkn,kln->iln", *rotations), numbers[:, :3].T)
 
 
-def _read_numbers(what: str, values: object, needs: str) -> Array:
-    numbers = check_numbers(what, values, needs=needs)
+def _read_numbers(name: str, values: object, needs: str) -> Array:
+    numbers = check_numbers(name, values, needs=needs)
     if numbers.size and np.abs(numbers).max() > _LARGEST:
-        raise InputError(f"{what} must hold no number beyond {_LARGEST:,.0f} (m, rad), got {np.abs(numbers).max():g}")
+        raise InputError(f"{name} must hold no number beyond {_LARGEST:,.0f} (m, rad), got {np.abs(numbers).max():g}")
     return numbers
 
 
-def _check_rigid(what: str, poses: Array) -> None:
+def _check_rigid(subject: str, poses: Array) -> None:
     """Reject matrices ``(4, 4, n)`` that are not poses."""
     rotation = poses[:3, :3]
     gaps = np.abs(np.einsum("ijn,kjn->ikn", rotation, rotation) - np.eye(3)[..., None]).max(axis=(0, 1))
     wrong = (gaps > _NOT_A_ROTATION) | (np.linalg.det(np.moveaxis(rotation, -1, 0)) < 0)
     wrong |= np.abs(poses[3] - np.array([0, 0, 0, 1.0])[:, None]).max(axis=0) > _NOT_A_ROTATION
     if wrong.any():
-        which = f": row {int(np.flatnonzero(wrong)[0])}" if len(wrong) > 1 else ""
-        raise InputError(f"{what} must be rotation, position in m and a last row 0 0 0 1{which} is not")
+        row = f": row {int(np.flatnonzero(wrong)[0])}" if len(wrong) > 1 else ""
+        raise InputError(f"{subject} must be rotation, position in m and a last row 0 0 0 1{row} is not")
 
 
 _POSITION: Final = ("x", "y", "z")
 _TURNS: Final = (("a", "b", "c"), ("rx", "ry", "rz"))
+# maximum number of characters of a name that a message quotes
 _LONGEST: Final = 40
 
 
@@ -375,40 +376,40 @@ def read_cycles(path: str | os.PathLike[str], names: Mapping[str, str], columns:
     ``columns`` names columns as :meth:`precision_pin.base.csv_columns.ColumnNames.parse` reads them.
     """
     axes = ("pose", "cycle", *_POSITION, *sum(_TURNS, ()))
-    found = csv_columns.read(path, ("pose",), columns=csv_columns.ColumnNames.parse(columns), known=axes.__contains__)
-    if "pose" not in found.texts:
-        raise UnknownNameError(f"column in {found.file}", "pose", found.names)
-    turn = next((axes for axes in _TURNS if any(axis in found.names for axis in axes)), ())
-    for name in found.names:
-        if name not in ("cycle", *_POSITION, *turn):
-            other = "; a, b, c and rx, ry, rz exclude each other" if turn and name in sum(_TURNS, ()) else ""
+    table = csv_columns.read(path, ("pose",), columns=csv_columns.ColumnNames.parse(columns), known=axes.__contains__)
+    if "pose" not in table.texts:
+        raise UnknownNameError(f"column in {table.file}", "pose", table.names)
+    angle_axes = next((axes for axes in _TURNS if any(axis in table.names for axis in axes)), ())
+    for name in table.names:
+        if name not in ("cycle", *_POSITION, *angle_axes):
+            hint = "; a, b, c and rx, ry, rz exclude each other" if angle_axes and name in sum(_TURNS, ()) else ""
             raise InputError(
-                f"{found.file}: the column {errors.shown(name, _LONGEST)} has no meaning; columns are pose, cycle, "
-                f"x, y, z and a, b, c or rx, ry, rz{other}"
+                f"{table.file}: the column {errors.shown(name, _LONGEST)} has no meaning; columns are pose, cycle, "
+                f"x, y, z and a, b, c or rx, ry, rz{hint}"
             )
-    cycles = found.column("cycle", units.RATIO)
-    values = np.array([found.column(axis, units.LENGTH) for axis in _POSITION]).T
-    if turn:
-        angles = np.array([found.column(axis, units.ANGLE) for axis in turn]).T
+    cycles = table.column("cycle", units.RATIO)
+    values = np.array([table.column(axis, units.LENGTH) for axis in _POSITION]).T
+    if angle_axes:
+        angles = np.array([table.column(axis, units.ANGLE) for axis in angle_axes]).T
         # lower case: about the fixed axes x, y, z in this order
-        rotation = Rotation.from_euler("xyz", angles) if turn == _TURNS[0] else Rotation.from_rotvec(angles)
+        rotation = Rotation.from_euler("xyz", angles) if angle_axes == _TURNS[0] else Rotation.from_rotvec(angles)
         poses = np.tile(np.eye(4), (len(values), 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = rotation.as_matrix(), values
         values = poses
     rows: defaultdict[str, dict[float, int]] = defaultdict(dict)
-    for row, (given, cycle) in enumerate(zip(found.texts["pose"], cycles, strict=True)):
-        if given not in names:
-            raise UnknownNameError(f"pose in {found.file}", given, names)
-        of_pose = rows[names[given]]
+    for row, (label, cycle) in enumerate(zip(table.texts["pose"], cycles, strict=True)):
+        if label not in names:
+            raise UnknownNameError(f"pose in {table.file}", label, names)
+        of_pose = rows[names[label]]
         if cycle in of_pose:
-            raise InputError(f"{found.file}: the pose {errors.shown(given, _LONGEST)} has the cycle {cycle:g} twice")
+            raise InputError(f"{table.file}: the pose {errors.shown(label, _LONGEST)} has the cycle {cycle:g} twice")
         of_pose[cycle] = row
-    counted = {pose: sorted(of_pose) for pose, of_pose in rows.items()}
-    first, wanted = next(iter(counted.items()))
-    for pose, numbers in counted.items():
-        if numbers != wanted:
+    numbers_by_pose = {pose: sorted(of_pose) for pose, of_pose in rows.items()}
+    first_pose, expected = next(iter(numbers_by_pose.items()))
+    for pose, numbers in numbers_by_pose.items():
+        if numbers != expected:
             raise InputError(
-                f"{found.file}: {pose} has {len(numbers)} cycles and {first} has {len(wanted)}, or others: every pose "
+                f"{table.file}: {pose} has {len(numbers)} cycles and {first_pose} has {len(expected)}, or others: every pose "
                 "needs the same cycles"
             )
-    return {pose: values[[of_pose[cycle] for cycle in wanted]] for pose, of_pose in rows.items()}
+    return {pose: values[[of_pose[cycle] for cycle in expected]] for pose, of_pose in rows.items()}

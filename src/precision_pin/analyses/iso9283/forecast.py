@@ -41,10 +41,11 @@ from precision_pin.statistics.plan import specification
 CYCLES: Final = 30
 """Cycles of a test in the standard."""
 MOST_ROBOTS: Final = 10**8
+"""Maximum number of robots accepted; memory limits them further."""
 MOST_POSES: Final = 100
-"""Most poses of a test; the standard has five."""
+"""Maximum number of poses of a test; the standard has five."""
 # robots whose barycentres are compared for E
-_TOGETHER: Final = 5
+_EXCHANGED: Final = 5
 # m
 _FARTHEST_TARGET: Final = 1e3
 _AXES: Final = (("x", "y", "z"), ("a", "b", "c"))
@@ -104,7 +105,7 @@ def iso9283(
         >>> print(round(1e3 * RP.quantile(0.5), 1))
         0.9
     """
-    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    common = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     arguments.check_whole("the number of cycles", cycles, 2, MOST_VISITS)
     arguments.check_whole("the number of robots", robots, 1, MOST_ROBOTS)
     if threads is not None:
@@ -128,8 +129,8 @@ def iso9283(
     )
     models = tuple(error_model.at_columns(values, approaches))
     setup = _set_up(models, point, int(seed), int(cycles), arguments.check_flag("fit_base", fit_base))
-    found = _find(error_model, models, names)
-    add(found)
+    warnings = _warnings(error_model, models, names)
+    add(warnings)
     with steps_to(progress, robots * count * cycles) as step:
         figures = _simulate(
             setup, int(robots), threads or available_cores(), lambda tests: step(tests * int(cycles) * count)
@@ -172,16 +173,16 @@ def iso9283(
         cube=cube,
         absent=absent,
         specifications=tuple(verdicts),
-        findings=known,
-        warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
+        findings=common,
+        warnings=tuple(dict.fromkeys(map(str, (*common, *warnings)))),
     )
 
 
 def _measured_point(target: ArrayLike | None) -> Array:
     if target is None:
         return np.zeros(3)
-    what = "three numbers in tool axes, in m or with a unit"
-    point = arguments.check_quantities("the target", target, LENGTH, (3,), what)
+    needs = "three numbers in tool axes, in m or with a unit"
+    point = arguments.check_quantities("the target", target, LENGTH, (3,), needs)
     if np.abs(point).max() > _FARTHEST_TARGET:
         raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
     return point
@@ -202,7 +203,7 @@ def _figures_of_test(
 ) -> tuple[dict[str, Array | None], dict[str, str]]:
     """Return the figures of a test that has one for all its poses, by name, and why some are absent; ``q`` is P1."""
     exchange, absent = _exchangeability(error_model, figures.first)
-    # most robots for vAP and drift: all their visits are kept at once
+    # maximum number of robots for vAP and drift, whose visits are all in memory
     tested = min(robots, 10_000)
     approached = approach_figures(error_model, q, setup.target, tested, setup.cycles, setup.seed)
     if approached is None:
@@ -239,9 +240,9 @@ def _judge(
     else:
         why = absent[limit.figure]
         raise InputError(f"a specification limits {limit.figure}, which this forecast does not have: {why}")
-    inside, differs = int((largest <= limit.limit).sum()), bool(largest.max() - largest.min() > NO_SPREAD)
-    share, interval = inside / largest.size, clopper_pearson(inside, largest.size, confidence)
-    return SpecificationResult(limit.figure, limit.limit, limit.required, share, interval, differs, grounds)
+    count, differs = int((largest <= limit.limit).sum()), bool(largest.max() - largest.min() > NO_SPREAD)
+    fraction, interval = count / largest.size, clopper_pearson(count, largest.size, confidence)
+    return SpecificationResult(limit.figure, limit.limit, limit.required, fraction, interval, differs, grounds)
 
 
 def _poses(error_model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...], NDArray[np.int8] | None]:
@@ -269,34 +270,34 @@ def _set_up(models: Sequence[PoseModel], target: Array, seed: int, cycles: int, 
     return setup
 
 
-def _find(error_model: ErrorModel, models: Sequence[PoseModel], names: Sequence[str]) -> tuple[Finding, ...]:
+def _warnings(error_model: ErrorModel, models: Sequence[PoseModel], names: Sequence[str]) -> tuple[Finding, ...]:
     """Return the warnings at each pose, and one if nothing in the sheet changes from visit to visit."""
-    found = []
+    warnings = []
     for rank, (at, name) in enumerate(zip(models, names, strict=True), start=1):
         where = f"P{rank}, {name!r}" if name else f"P{rank}"
         for finding in (*at.findings("exact"), *error_model.statics_findings(at)):
-            found.append(replace(finding, message=f"{where}: {finding.message}"))
-    found += exact_findings(error_model, np.column_stack([at.posture.q for at in models]))
+            warnings.append(replace(finding, message=f"{where}: {finding.message}"))
+    warnings += exact_findings(error_model, np.column_stack([at.posture.q for at in models]))
     if not _varies(error_model, Scope.VISIT):
         message = "no draw of the sheet has the scope visit: every cycle is as the first one, so RP and RD are 0"
-        found.append(Finding("warning", "W_NO_VISITS", message))
-    return tuple(found)
+        warnings.append(Finding("warning", "W_NO_VISITS", message))
+    return tuple(warnings)
 
 
 def _varies(error_model: ErrorModel, *scopes: Scope) -> bool:
     return any(draw.scope in scopes and draw.law.streamed for draw in error_model.space.draws)
 
 
-def _exchangeability(error_model: ErrorModel, first: Array) -> tuple[Array | None, dict[str, str]]:
+def _exchangeability(error_model: ErrorModel, barycentres: Array) -> tuple[Array | None, dict[str, str]]:
     """Return E of each group of five robots from their barycentres at P1 ``(3, N)``, and why figures are absent."""
-    groups = first.shape[1] // _TOGETHER
+    groups = barycentres.shape[1] // _EXCHANGED
     if not _varies(error_model, Scope.UNIT):
         return None, {"E": "no draw of the sheet has the scope unit: it does not say how built robots differ"}
     if not groups:
-        return None, {"E": f"it compares {_TOGETHER} robots"}
-    together = first[:, : groups * _TOGETHER].reshape(3, groups, _TOGETHER)
-    apart = together[:, :, :, None] - together[:, :, None, :]
-    largest: Array = np.sqrt((apart * apart).sum(axis=0)).max(axis=(1, 2))
+        return None, {"E": f"it compares {_EXCHANGED} robots"}
+    grouped = barycentres[:, : groups * _EXCHANGED].reshape(3, groups, _EXCHANGED)
+    differences = grouped[:, :, :, None] - grouped[:, :, None, :]
+    largest: Array = np.sqrt((differences * differences).sum(axis=0)).max(axis=(1, 2))
     return largest, {}
 
 
@@ -312,31 +313,31 @@ class FigureLimit:
     required: float
 
 
-def listed_limits(given: object) -> tuple[FigureLimit, ...]:
+def listed_limits(texts: object) -> tuple[FigureLimit, ...]:
     """Return limits, one text or a list of texts, ``FIGURE LIMIT [@ PROBABILITY]``."""
-    if isinstance(given, str):
-        given = (given,)
-    if not isinstance(given, list | tuple):
+    if isinstance(texts, str):
+        texts = (texts,)
+    if not isinstance(texts, list | tuple):
         raise InputError(
-            f"specifications must be a list of texts such as 'RP 0.1 mm @ 95 %', got {arguments.shown(given)}"
+            f"specifications must be a list of texts such as 'RP 0.1 mm @ 95 %', got {arguments.shown(texts)}"
         )
-    return tuple(map(_read, given))
+    return tuple(map(_read, texts))
 
 
 def _read(text: object) -> FigureLimit:
-    words = arguments.check_text("each of the specifications", text, "RP 0.1 mm @ 95 %").split(maxsplit=1)
-    if len(words) < 2:
+    parts = arguments.check_text("each of the specifications", text, "RP 0.1 mm @ 95 %").split(maxsplit=1)
+    if len(parts) < 2:
         raise InputError(f"specification {arguments.shown(text)} is not understood; write it as 'RP 0.1 mm @ 95 %'")
-    figure, rest = words
+    figure, text_ = parts
     if figure not in FIGURES:
         raise UnknownNameError("figure of a specification", figure, FIGURES)
-    found = specification(rest)
-    of_angle = found.quantity == "attitude.norm"
-    if found.quantity not in ("position.norm", "attitude.norm") or of_angle != (figure in OF_ANGLES):
+    limit = specification(text_)
+    of_angle = limit.quantity == "attitude.norm"
+    if limit.quantity not in ("position.norm", "attitude.norm") or of_angle != (figure in OF_ANGLES):
         raise InputError(
             f"specification {arguments.shown(text)}: {figure} is limited by {'an angle' if figure in OF_ANGLES else 'a length'}"
         )
-    return FigureLimit(figure, found.limit, found.required)
+    return FigureLimit(figure, limit.limit, limit.required)
 
 
 ROBOTS: Final = 512
@@ -400,23 +401,23 @@ class RobotFigures(NamedTuple):
 def simulate_tests(setup: Setup, first: int, count: int) -> RobotFigures:
     """Return the figures of robots ``first … first + count - 1``."""
     errors = [_errors(setup, layout, pose, first, count) for pose, layout in enumerate(setup.layouts)]
-    moved, turned = [_at_target(setup, pose, one) for pose, one in enumerate(errors)], [one[:, 3:] for one in errors]
-    angles = [_angles(vectors) for vectors in turned]
-    found = [formulas.pose_figures(*both) for both in zip(moved, angles, strict=True)]
+    shifts, rotations = ([_at_target(setup, pose, e) for pose, e in enumerate(errors)], [e[:, 3:] for e in errors])
+    angles = [_angles(vectors) for vectors in rotations]
+    pose_parts = [formulas.pose_figures(*pair) for pair in zip(shifts, angles, strict=True)]
     distance = distance_scatter = np.empty((0, count))
-    if len(moved) > max(formulas.DISTANCE):
-        one, other = setup.points[list(formulas.DISTANCE)]
-        attained = (moved[k] + at[:, None] for k, at in zip(formulas.DISTANCE, (one, other), strict=True))
-        distance, distance_scatter = (of[None] for of in formulas.distance_figures(one - other, *attained)[:2])
-    _, accuracy, mean_angles, repeated, scatter_angles = (np.stack(of_poses) for of_poses in zip(*found, strict=True))
+    if len(shifts) > max(formulas.DISTANCE):
+        start, stop = setup.points[list(formulas.DISTANCE)]
+        attained = (shifts[k] + at[:, None] for k, at in zip(formulas.DISTANCE, (start, stop), strict=True))
+        distance, distance_scatter = (of[None] for of in formulas.distance_figures(start - stop, *attained)[:2])
+    _, accuracy, mean_angles, RP, scatter_angles = (np.stack(of_poses) for of_poses in zip(*pose_parts, strict=True))
     unfitted = accuracy[0]
     if setup.fit_base:
-        turn, accuracy = formulas.fit_to(setup.points, accuracy)
-        fitted = [_angles(vectors, turn) for vectors in turned]
-        mean_angles = np.stack([formulas.barycentre(one) for one in fitted])
+        rotation, accuracy = formulas.fit_to(setup.points, accuracy)
+        fitted = [_angles(vectors, rotation) for vectors in rotations]
+        mean_angles = np.stack([formulas.barycentre(fit) for fit in fitted])
     return RobotFigures(
         AP=np.sqrt((accuracy * accuracy).sum(axis=1)),
-        RP=repeated,
+        RP=RP,
         RP_limit=np.stack([_limit(setup, pose, first, count) for pose in range(len(setup.layouts))]),
         AP_xyz=accuracy,
         AP_abc=mean_angles,
@@ -471,7 +472,7 @@ def shape_factor(layout: SamplerArrays, pose: int, seed: int) -> float:
 def _errors(setup: Setup, layout: SamplerArrays, pose: int, first: int, count: int) -> Array:
     """Return the errors at the visits of a pose, ``(cycles, 6, N)``."""
     errors = np.empty((setup.cycles, 6, count))
-    # without draws of visit scope all cycles are the same
+    # without draws of visit scope all cycles are equal
     different = setup.cycles if setup.root.shape[1] else 1
     for visit in range(different):
         errors[visit] = sampler.errors(layout, "exact", setup.seed, first, count, pose=pose, visit=visit)
@@ -493,10 +494,8 @@ def _at_target(setup: Setup, pose: int, errors: Array) -> Array:
 
 def _angles(vectors: Array, turn: Array | None = None) -> Array:
     """Return a, b, c ``(cycles, 3, N)`` of rotation vectors, after a further rotation ``(3, 3, N)`` of the base."""
-    turns = (se3.exp_rotation(one) for one in vectors)
-    return np.stack(
-        [formulas.angles_of(one if turn is None else np.einsum("ijn,jkn->ikn", turn, one)) for one in turns]
-    )
+    matrices = (se3.exp_rotation(v) for v in vectors)
+    return np.stack([formulas.angles_of(v if turn is None else np.einsum("ijn,jkn->ikn", turn, v)) for v in matrices])
 
 
 def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
@@ -509,9 +508,9 @@ def _limit(setup: Setup, pose: int, first: int, count: int) -> Array:
     x[columns] = layout.space.mean[columns][:, None]
     slopes = np.empty((root.shape[1], 3, count))
     for k, direction in enumerate(_STEP * root.T[:, :, None]):
-        ends = np.stack([sampler.errors_at(layout, "exact", x + side * direction) for side in (1, -1)])
-        moved = _at_target(setup, pose, ends)
-        slopes[k] = (moved[0] - moved[1]) / (2 * _STEP)
+        errors = np.stack([sampler.errors_at(layout, "exact", x + side * direction) for side in (1, -1)])
+        displacements = _at_target(setup, pose, errors)
+        slopes[k] = (displacements[0] - displacements[1]) / (2 * _STEP)
     covariance = np.einsum("kin,kjn->nij", slopes, slopes)
     return setup.shape[pose] * formulas.repeatability_limit(covariance)
 
@@ -527,19 +526,19 @@ def approach_figures(
     lever = posture.pose[:3, :3] @ target
     jacobian = error_model.chain.at_columns(q[:, None]).joint_jacobian[:, :, 0].copy()
     jacobian[:3] += np.cross(jacobian[3:], lever, axis=0)
-    ways = paths_of_approach(jacobian)
-    if not _follows(error_model, q, ways):
+    paths = paths_of_approach(jacobian)
+    if not _follows(error_model, q, paths):
         return None
-    return sample_approaches(error_model, q, approaches=ways, robots=robots, cycles=cycles, seed=seed, target=target)
+    return sample_approaches(error_model, q, approaches=paths, robots=robots, cycles=cycles, seed=seed, target=target)
 
 
-def _follows(error_model: ErrorModel, q: Array, ways: Sequence[tuple[int, ...]]) -> bool:
+def _follows(error_model: ErrorModel, q: Array, paths: Sequence[tuple[int, ...]]) -> bool:
     """Return whether any source's terms differ for another approach."""
-    first, *others = [error_model.at(q, approach=way).terms for way in ways]
+    first_terms, *other_terms = [error_model.at(q, approach=path).terms for path in paths]
     return any(
-        [term.factors for term in terms] != [term.factors for term in first]
-        or any(not np.array_equal(one.twist, other.twist) for one, other in zip(terms, first, strict=True))
-        for terms in others
+        [term.factors for term in terms] != [term.factors for term in first_terms]
+        or any(not np.array_equal(term.twist, nominal.twist) for term, nominal in zip(terms, first_terms, strict=True))
+        for terms in other_terms
     )
 
 
@@ -554,14 +553,14 @@ def drift_from_cold(
 ) -> Array | None:
     """Return ``max |AP_0 - AP_t|`` of each robot over a test that starts cold, m, ``(N,)``; ``None`` if none drifts."""
     bound = error_model.bound_sources
-    if all(one.source.after(0.0, one.view) is one.source for one in bound):
+    if all(entry.source.after(0.0, entry.view) is entry.source for entry in bound):
         return None
-    found = []
+    accuracies = []
     for k, seconds in enumerate(np.linspace(0.0, 3600 * HOURS, _TESTS)):
-        sources = [one.source.after(float(seconds), one.view) for one in bound]
+        sources = [entry.source.after(float(seconds), entry.view) for entry in bound]
         model = ErrorModel(error_model.chain, error_model.space, sources, statics=error_model.statics)
-        found.append(_accuracy(model, q, target, robots, range(k * cycles, (k + 1) * cycles), seed))
-    return np.abs(np.array(found[1:]) - found[0]).max(axis=0)
+        accuracies.append(_accuracy(model, q, target, robots, range(k * cycles, (k + 1) * cycles), seed))
+    return np.abs(np.array(accuracies[1:]) - accuracies[0]).max(axis=0)
 
 
 def _accuracy(model: ErrorModel, q: Array, target: Array, robots: int, visits: range, seed: int) -> Array:

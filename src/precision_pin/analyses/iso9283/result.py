@@ -83,10 +83,10 @@ class FigureLaw(Record):
         return self._quantile(probability)[1]
 
     def _quantile(self, probability: float) -> tuple[float, tuple[float, float]] | tuple[None, None]:
-        what, allowed = "the probability of a quantile", "above 0 and below 1"
-        level = check_number(what, probability, allowed, lambda p: 0 < p < 1)
-        value, ends = quantile_of(self.sorted[None], level, self.confidence, is_sorted=True)
-        low, high = ends[:, 0].tolist()
+        subject, allowed = "the probability of a quantile", "above 0 and below 1"
+        level = check_number(subject, probability, allowed, lambda p: 0 < p < 1)
+        value, interval = quantile_of(self.sorted[None], level, self.confidence, is_sorted=True)
+        low, high = interval[:, 0].tolist()
         return (None, None) if math.isnan(low) else (float(value[0]), (low, high))
 
     @cached_property
@@ -118,7 +118,7 @@ SINGLE: Final = ("AD", "RD", "E", "vAP", "RP_bidirectional", "drift")
 
 @dataclass(frozen=True, eq=False)
 class PoseForecast(Record):
-    """Laws of the figures at a pose, m and rad.
+    """Distributions of the figures at a pose, m and rad.
 
     Attributes:
         label: Name of the pose in the sheet, if any, and its joint values.
@@ -214,47 +214,47 @@ class Comparison(Record):
     @property
     def differing(self) -> tuple[ComparedFigure, ...]:
         """The figures outside the forecast, least probable first."""
-        return tuple(sorted((one for one in self.figures if one.differs), key=lambda one: one.probability))
+        return tuple(sorted((entry for entry in self.figures if entry.differs), key=lambda entry: entry.probability))
 
     def figure(self, pose: str, name: str) -> ComparedFigure | None:
         """Return a figure; ``None`` if it was not measured."""
-        return next((one for one in self.figures if (one.pose, one.name) == (pose, name)), None)
+        return next((entry for entry in self.figures if (entry.pose, entry.name) == (pose, name)), None)
 
 
 def pose_names(names: Sequence[str]) -> dict[str, str]:
     """Return P1, P2, … by each accepted name: the name in the sheet (takes precedence), P1, …, and the number."""
     standard = [f"P{number}" for number in range(1, len(names) + 1)]
-    known = {name[1:]: name for name in standard} | {name: name for name in standard}
-    return known | {own: name for own, name in zip(names, standard, strict=True) if own}
+    aliases = {name[1:]: name for name in standard} | {name: name for name in standard}
+    return aliases | {label: name for label, name in zip(names, standard, strict=True) if label}
 
 
-def _far_out(values: Array) -> Array:
-    """Return each value's distance from the median, relative to that of the 5 or 95 % quantile on its side."""
+def _scaled_distances(values: Array) -> Array:
+    """Return each value's distance from the median, relative to the 5 or 95 % quantile's distance on its side."""
     low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
     scale = np.where(values < median, median - low, high - median)
     return np.abs(values - median) / np.maximum(scale, _ROUNDING)
 
 
-def _read(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) -> dict[str, Array]:
+def _check_attained(attained: object, forecasts: Mapping[str, PoseForecast], cycles: int) -> dict[str, Array]:
     names = pose_names([at.label.name for at in forecasts.values()])
-    found: dict[str, Array] = {}
-    for given, values in check_mapping("the measured cycles", attained).items():
-        if given not in names:
-            raise UnknownNameError("pose of the forecast", given, names)
-        what = f"the measured cycles at {given}"
-        numbers = check_numbers(what, values, needs="positions (n, 3) or poses (n, 4, 4), m")
+    cycles_of: dict[str, Array] = {}
+    for label, values in check_mapping("the measured cycles", attained).items():
+        if label not in names:
+            raise UnknownNameError("pose of the forecast", label, names)
+        subject = f"the measured cycles at {label}"
+        numbers = check_numbers(subject, values, needs="positions (n, 3) or poses (n, 4, 4), m")
         if numbers.shape[1:] not in ((3,), (4, 4)):
             raise InputError(
-                f"{what} must be positions (n, 3) or poses (n, 4, 4), got an array of shape {numbers.shape}"
+                f"{subject} must be positions (n, 3) or poses (n, 4, 4), got an array of shape {numbers.shape}"
             )
         if len(numbers) != cycles:
             raise InputError(
-                f"{what} are {len(numbers)}, the forecast has {cycles} cycles; forecast as many as are measured"
+                f"{subject} are {len(numbers)}, the forecast has {cycles} cycles; forecast as many as are measured"
             )
-        found[names[given]] = numbers
-    if not found:
+        cycles_of[names[label]] = numbers
+    if not cycles_of:
         raise InputError("the measured cycles are of no pose; give those of one or more")
-    return {pose: found[pose] for pose in forecasts if pose in found}
+    return {pose: cycles_of[pose] for pose in forecasts if pose in cycles_of}
 
 
 def _as_poses(values: Array, commanded: Array) -> Array:
@@ -266,7 +266,7 @@ def _as_poses(values: Array, commanded: Array) -> Array:
     return poses
 
 
-def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]) -> dict[str, Array]:
+def _fit_base(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]) -> dict[str, Array]:
     """Return the measurements after the best fit of the barycentres to the commanded positions."""
     if len(measured) < len(forecasts):
         raise InputError(
@@ -275,14 +275,14 @@ def _fitted(measured: Mapping[str, Array], forecasts: Mapping[str, PoseForecast]
     points = np.stack([forecasts[pose].point for pose in measured])
     positions = {pose: values if values.ndim == 2 else values[:, :3, 3] for pose, values in measured.items()}
     middles = np.stack([values.mean(axis=0) for values in positions.values()])
-    turn = formulas.fit_to(points, (middles - points)[:, :, None])[0][:, :, 0]
-    centre, wanted = middles.mean(axis=0), points.mean(axis=0)
-    found = {pose: np.einsum("ij,nj->ni", turn, of - centre) + wanted for pose, of in positions.items()}
+    rotation = formulas.fit_to(points, (middles - points)[:, :, None])[0][:, :, 0]
+    centre, target = middles.mean(axis=0), points.mean(axis=0)
+    fitted = {pose: np.einsum("ij,nj->ni", rotation, of - centre) + target for pose, of in positions.items()}
     for pose, values in measured.items():
         if values.ndim == 3:
-            found[pose] = _as_poses(found[pose], values)
-            found[pose][:, :3, :3] = np.einsum("ij,njk->nik", turn, values[:, :3, :3])
-    return found
+            fitted[pose] = _as_poses(fitted[pose], values)
+            fitted[pose][:, :3, :3] = np.einsum("ij,njk->nik", rotation, values[:, :3, :3])
+    return fitted
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -338,7 +338,7 @@ class Iso9283Result(AnalysisResult):
     @property
     def met(self) -> bool:
         """Whether every specification is met; true without any."""
-        return all(one.met for one in self.specifications)
+        return all(result.met for result in self.specifications)
 
     def laws(self) -> Iterator[tuple[str, str, FigureLaw]]:
         """Yield pose, name and law of every figure; the pose is empty for figures of a whole test."""
@@ -363,16 +363,16 @@ class Iso9283Result(AnalysisResult):
             InputError: Another shape, another number of cycles than that of the forecast, or no poses.
             UnknownNameError: A pose that the forecast does not have.
         """
-        forecasts, measured = self.poses, _read(attained, self.poses, self.cycles)
+        forecasts, measured = self.poses, _check_attained(attained, self.poses, self.cycles)
         with_angles = all(poses.ndim == 3 for poses in measured.values())
         if self.fit_base:
-            measured = _fitted(measured, forecasts)
+            measured = _fit_base(measured, forecasts)
         commanded = {pose: se3.pose(forecasts[pose].commanded[:3, :3], forecasts[pose].point) for pose in measured}
         cycled = {pose: _as_poses(values, commanded[pose]) for pose, values in measured.items()}
-        found = {pose: formulas.iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
+        figures = {pose: formulas.iso9283_of(commanded[pose], values) for pose, values in cycled.items()}
         names = (*OF_POSITION, *OF_ANGLES) if with_angles else OF_POSITION
-        listed = [
-            (pose, name, of[name], getattr(forecasts[pose], name)) for pose, of in found.items() for name in names
+        comparisons = [
+            (pose, name, of[name], getattr(forecasts[pose], name)) for pose, of in figures.items() for name in names
         ]
         distance = None
         if all(pose in cycled for pose in _DISTANCE_POSES):
@@ -380,18 +380,18 @@ class Iso9283Result(AnalysisResult):
                 *([by[pose] for pose in _DISTANCE_POSES] for by in (commanded, cycled))
             )
             laws = (("AD", self.AD), ("RD", self.RD))
-            listed += [("", name, distance[name], law) for name, law in laws if law is not None]
-        pooled = np.stack([_far_out(np.append(law.values, value)) for _, _, value, law in listed])
+            comparisons += [("", name, distance[name], law) for name, law in laws if law is not None]
+        pooled = np.stack([_scaled_distances(np.append(law.values, value)) for _, _, value, law in comparisons])
         largest = np.sort(pooled.max(axis=0))
-        # figures that differ only by rounding are equally far out
-        own = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
-        robots = listed[0][3].values.size
-        corrected = 1 - np.searchsorted(largest, own, side="left") / (robots + 1)
+        # figures that differ only by rounding count as equal
+        outlying = pooled[:, -1] * (1 - _ALIKE) - _ALIKE
+        robots = comparisons[0][3].values.size
+        corrected = 1 - np.searchsorted(largest, outlying, side="left") / (robots + 1)
         compared_figures = tuple(
             ComparedFigure(pose, name, value, float((law.values <= value).mean()), float(probability))
-            for (pose, name, value, law), probability in zip(listed, corrected, strict=True)
+            for (pose, name, value, law), probability in zip(comparisons, corrected, strict=True)
         )
-        compared = Comparison(found, distance, compared_figures, self.cycles, robots, float(corrected.min()))
+        compared = Comparison(figures, distance, compared_figures, self.cycles, robots, float(corrected.min()))
         return replace(self, measured=compared)
 
     def to_pandas(self) -> pandas.DataFrame:

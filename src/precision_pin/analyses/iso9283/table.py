@@ -14,6 +14,7 @@ from precision_pin.sampling.table import verdict_line
 from precision_pin.statistics import SpecificationResult, format_inside
 from precision_pin.statistics.intervals import format_interval
 
+# maximum number of differing figures that the verdict names
 _MOST_DIFFERING: Final = 6
 
 
@@ -31,7 +32,7 @@ def iso9283_table(result: Iso9283Result) -> str:
         *aligned(angle_rows(result)),
         "",
         *(aligned(distances) if len(distances) > 1 else []),
-        *([] if result.measured is None else ["", *_measured(result.measured)]),
+        *([] if result.measured is None else ["", *_measured_rows(result.measured)]),
         "",
         *(f"{name}: none, {why}" for name, why in result.absent.items()),
         *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
@@ -44,13 +45,13 @@ def answers(result: Iso9283Result) -> list[str]:
     return [
         headline(result, "RP"),
         headline(result, "AP"),
-        *(_judged(one, len(result.poses)) for one in result.specifications),
+        *(_verdict_line(spec, len(result.poses)) for spec in result.specifications),
         *([] if result.measured is None else [verdict(result.measured)]),
     ]
 
 
 def setting_lines(result: Iso9283Result) -> list[str]:
-    """Return what is tested, and how."""
+    """Return the test settings."""
     of = result.provenance
     target = ", ".join(plain(1e3 * x) for x in result.target)
     point = f"; target {target} mm in tool axes" if result.target.any() else ""
@@ -93,26 +94,26 @@ def verdict(measured: Comparison) -> str:
             f"corrected for their number); a robot that agrees does not prove the sheet"
         )
     parts = [
-        f"{one.name}{f' at {one.pose}' if one.pose else ''} {milli(one.value, 3)} {_unit(one.name)} "
-        f"({'above' if one.below > 0.5 else 'below'} {_share(max(one.below, 1 - one.below))})"
-        for one in measured.differing[:_MOST_DIFFERING]
+        f"{entry.name}{f' at {entry.pose}' if entry.pose else ''} {milli(entry.value, 3)} {_unit(entry.name)} "
+        f"({'above' if entry.below > 0.5 else 'below'} {_percent(max(entry.below, 1 - entry.below))})"
+        for entry in measured.differing[:_MOST_DIFFERING]
     ]
-    more = len(measured.differing) - len(parts)
+    unlisted = len(measured.differing) - len(parts)
     return (
         f"measured: DIFFERS - {len(measured.differing)} of {count} outside what the sheet forecasts (p = "
         f"{measured.probability:.2g}, corrected for their number; limit {LEAST:g}), above or below so many of the "
         f"simulated robots: {'; '.join(parts)}"
-        f"{f'; and {more} more' if more > 0 else ''}"
+        f"{f'; and {unlisted} more' if unlisted > 0 else ''}"
     )
 
 
-def _judged(one: SpecificationResult, poses: int) -> str:
-    every = " at every pose" if one.quantity not in SINGLE and poses > 1 else ""
-    within = f"{1e3 * one.limit:.6g} {_unit(one.quantity)}"
-    demand = f"spec {one.quantity} within {within} for {100 * one.required:.10g} %{every}"
-    more = ": more robots decide it" if one.verdict == "undecided" else ""
-    of = "groups of five robots" if one.quantity == "E" else "robots"
-    return verdict_line(demand, one, f"{{share}} % of {of} keep it in a test, interval {{low}} to {{high}} %{more}")
+def _verdict_line(result: SpecificationResult, poses: int) -> str:
+    every = " at every pose" if result.quantity not in SINGLE and poses > 1 else ""
+    within = f"{1e3 * result.limit:.6g} {_unit(result.quantity)}"
+    demand = f"spec {result.quantity} within {within} for {100 * result.required:.10g} %{every}"
+    hint = ": more robots decide it" if result.verdict == "undecided" else ""
+    of = "groups of five robots" if result.quantity == "E" else "robots"
+    return verdict_line(demand, result, f"{{share}} % of {of} keep it in a test, interval {{low}} to {{high}} %{hint}")
 
 
 def position_rows(result: Iso9283Result) -> list[list[str]]:
@@ -130,15 +131,15 @@ def angle_rows(result: Iso9283Result) -> list[list[str]]:
     rows = [["mrad", "5 % to 95 %", *(f"AP_{axis}" for axis in "abc"), "95 %", *(f"RP_{axis}" for axis in "abc")]]
     for pose, at in result.poses.items():
         laws = [getattr(at, f"AP_{axis}") for axis in "abc"]
-        spans = [f"{_end(law, 0.05)} to {_end(law, 0.95)}" for law in laws]
-        rows.append([pose, "", *spans, "", *(_end(getattr(at, f"RP_{axis}"), 0.95) for axis in "abc")])
+        spans = [f"{_quantile_text(law, 0.05)} to {_quantile_text(law, 0.95)}" for law in laws]
+        rows.append([pose, "", *spans, "", *(_quantile_text(getattr(at, f"RP_{axis}"), 0.95) for axis in "abc")])
     return rows
 
 
 def distance_rows(result: Iso9283Result) -> list[list[str]]:
     """Return the figures of a whole test, mm, headings first."""
     rows = [["mm", "", "5 %", "median", "95 %", "interval"]]
-    words = {
+    meanings = {
         "AD": "distance accuracy P2 to P4",
         "RD": "distance repeatability P2 to P4",
         "E": "five robots at P1",
@@ -146,42 +147,42 @@ def distance_rows(result: Iso9283Result) -> list[list[str]]:
         "RP_bidirectional": "the cycles of these paths together",
         "drift": "eight hours from cold at P1",
     }
-    for name, meaning in words.items():
+    for name, meaning in meanings.items():
         law = getattr(result, name)
         if law is not None:
-            rows.append([name, meaning, _end(law, 0.05), _end(law, 0.5), *_quantile(law, 0.95)])
+            rows.append([name, meaning, _quantile_text(law, 0.05), _quantile_text(law, 0.5), *_quantile(law, 0.95)])
     return rows
 
 
-def _measured(measured: Comparison) -> list[str]:
+def _measured_rows(measured: Comparison) -> list[str]:
     rows = [["measured", "unit", "AP", "robots below", "RP", "robots below"]]
-    listed = [
+    headings = [
         (pose, f"{pose}{suffix.replace('_', ' ')}", (f"AP{suffix}", f"RP{suffix}"))
         for pose in measured.poses
         for suffix in ("", "_a", "_b", "_c")
     ]
-    for pose, heading, names in (*listed, ("", "AD, RD", ("AD", "RD"))):
-        found = [measured.figure(pose, name) for name in names]
-        cells = [cell for one in found if one is not None for cell in (milli(one.value, 4), _share(one.below))]
+    for pose, heading, names in (*headings, ("", "AD, RD", ("AD", "RD"))):
+        figures = [measured.figure(pose, name) for name in names]
+        cells = [cell for f in figures if f is not None for cell in (milli(f.value, 4), _percent(f.below))]
         rows += [[heading, _unit(names[0]), *cells]] if cells else []
     return aligned(rows)
 
 
 def _quantile(law: FigureLaw, level: float) -> tuple[str, str]:
-    value, ends = law.resolved_quantile(level), law.quantile_interval(level)
-    if value is None or ends is None:
+    value, interval = law.resolved_quantile(level), law.quantile_interval(level)
+    if value is None or interval is None:
         return "-", "-"
-    if max(map(abs, ends)) < ROUNDING:
+    if max(map(abs, interval)) < ROUNDING:
         return "0", "[0, 0]"
-    below, above = format_interval(*ends, 1e3)
-    return format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=5), f"[{below}, {above}]"
+    low, high = format_interval(*interval, 1e3)
+    return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5), f"[{low}, {high}]"
 
 
-def _end(law: FigureLaw, level: float) -> str:
+def _quantile_text(law: FigureLaw, level: float) -> str:
     return _quantile(law, level)[0]
 
 
-def _share(share: float) -> str:
+def _percent(share: float) -> str:
     return "all" if share == 1 else f"{100 * share:.4g} %"
 
 

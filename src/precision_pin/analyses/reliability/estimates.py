@@ -28,6 +28,7 @@ WIDENING: Final = 1.1
 """Factor of intervals of weighted and conditional samples, whose standard errors are estimates themselves."""
 
 SAMPLING: Final = "sampling"
+# maximum number of digits of the end of an interval
 _MOST_DIGITS: Final = 9
 # confidence of the interval of a difference that must contain 0 for two estimates to agree
 _AGREEING: Final = 0.99
@@ -80,9 +81,9 @@ def plain_estimate(failures: int, samples: int, confidence: float, method: str =
     """Return the estimate of counted failures with its Clopper-Pearson interval."""
     share = failures / samples
     variation = math.sqrt((1 - share) / failures) if failures else math.inf
-    enough = variation <= LARGEST_VARIATION
-    note = "" if enough else f"not resolved: {failures} failures among {samples:,} samples"
-    return Estimate(method, share, clopper_pearson(failures, samples, confidence), variation, samples, enough, note)
+    resolved = variation <= LARGEST_VARIATION
+    note = "" if resolved else f"not resolved: {failures} failures among {samples:,} samples"
+    return Estimate(method, share, clopper_pearson(failures, samples, confidence), variation, samples, resolved, note)
 
 
 def skewed_interval(mean: float, error: float, skewness: float, count: int, confidence: float) -> tuple[float, float]:
@@ -101,9 +102,9 @@ def log_normal_interval(values: Array, confidence: float) -> tuple[float, float]
     logs = np.log(values)
     count, square = values.size, float(logs.var(ddof=1))
     error = math.sqrt(square / count + square**2 / (2 * (count - 1)))
-    reach = WIDENING * float(special.stdtrit(count - 1, (1 + confidence) / 2)) * error
+    half_width = WIDENING * float(special.stdtrit(count - 1, (1 + confidence) / 2)) * error
     middle = float(logs.mean()) + square / 2
-    return math.exp(middle - reach), min(1.0, math.exp(middle + reach))
+    return math.exp(middle - half_width), min(1.0, math.exp(middle + half_width))
 
 
 def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float, evaluations: int = 0) -> Estimate:
@@ -114,38 +115,38 @@ def summed(method: str, parts: Sequence[tuple[float, Estimate]], unknown: float,
     """
     if len(parts) == 1 and not unknown and not evaluations:
         return parts[0][1]
-    known = [(share, part) for share, part in parts if part.resolved]
+    resolved_parts = [(share, part) for share, part in parts if part.resolved]
     bounds = unknown + math.fsum(share * part.interval[1] for share, part in parts if not part.resolved)
-    probability = math.fsum(share * part.probability for share, part in known)
-    below = math.sqrt(math.fsum((share * (part.probability - part.interval[0])) ** 2 for share, part in known))
-    above = math.sqrt(math.fsum((share * (part.interval[1] - part.probability)) ** 2 for share, part in known))
-    squares = ((share * part.probability * part.variation) ** 2 for share, part in known if part.probability)
+    probability = math.fsum(share * part.probability for share, part in resolved_parts)
+    lower = math.sqrt(math.fsum((share * (part.probability - part.interval[0])) ** 2 for share, part in resolved_parts))
+    upper = math.sqrt(math.fsum((share * (part.interval[1] - part.probability)) ** 2 for share, part in resolved_parts))
+    squares = ((share * part.probability * part.variation) ** 2 for share, part in resolved_parts if part.probability)
     variation = math.sqrt(math.fsum(squares)) / probability if probability else math.inf
     resolved = bool(probability) and bounds <= LARGEST_UNKNOWN * probability and variation <= LARGEST_VARIATION
     unknown_note = f"not resolved: no estimate for strata of a total probability of {bounds:.2g}"
     note = "" if resolved else next((part.note for _, part in parts if part.note), unknown_note)
-    interval = max(0.0, probability - below), min(1.0, probability + above + bounds)
+    interval = max(0.0, probability - lower), min(1.0, probability + upper + bounds)
     count = evaluations + sum(part.evaluations for _, part in parts)
     return Estimate(method, probability, interval, variation, count, resolved, note)
 
 
-def agree(one: Estimate, other: Estimate, confidence: float = _AGREEING) -> bool:
+def agree(first: Estimate, second: Estimate, confidence: float = _AGREEING) -> bool:
     """Return whether two estimates are consistent with the same probability.
 
     Plain sampling with too few failures to decide alone is compared by its counts: its Clopper-Pearson interval must contain
     the other estimate. For two other estimates, the interval of ln(P₁/P₂) must contain 0, with both taken as log-normal,
     or their intervals overlap, which are wider where counts leave no variation.
     """
-    for plain, rare in ((one, other), (other, one)):
+    for plain, rare in ((first, second), (second, first)):
         if plain.method == SAMPLING and plain.variation > ENOUGH_VARIATION:
             return plain.interval[0] <= rare.probability <= plain.interval[1]
-    if not one.probability or not other.probability:
-        return one.probability == other.probability
-    if max(one.interval[0], other.interval[0]) <= min(one.interval[1], other.interval[1]):
+    if not first.probability or not second.probability:
+        return first.probability == second.probability
+    if max(first.interval[0], second.interval[0]) <= min(first.interval[1], second.interval[1]):
         return True
-    spreads = [math.log1p(estimate.variation**2) for estimate in (one, other)]
-    reach = float(special.ndtri((1 + confidence) / 2)) * math.sqrt(sum(spreads))
-    return abs(math.log(one.probability / other.probability)) <= reach
+    spreads = [math.log1p(estimate.variation**2) for estimate in (first, second)]
+    half_width = float(special.ndtri((1 + confidence) / 2)) * math.sqrt(sum(spreads))
+    return abs(math.log(first.probability / second.probability)) <= half_width
 
 
 def judged(estimates: Sequence[Estimate]) -> Verdict:
@@ -160,13 +161,13 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
     the 99 % apply to all pairs, up to three, together (Bonferroni).
     """
     plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
-    pairs = [(one, other) for k, one in enumerate((plain, *others)) for other in others[k:]]
+    pairs = [(first, second) for k, first in enumerate((plain, *others)) for second in others[k:]]
     decides = plain.variation <= ENOUGH_VARIATION
     confidence = 1 - (1 - _AGREEING) / max(len(pairs), 1) if decides else _AGREEING
     lines = tuple(
-        f"{one.method} ({_describe_estimate(one)}) and {other.method} ({_describe_estimate(other)}) disagree"
-        for one, other in pairs
-        if not agree(one, other, confidence)
+        f"{first.method} ({_describe_estimate(first)}) and {second.method} ({_describe_estimate(second)}) disagree"
+        for first, second in pairs
+        if not agree(first, second, confidence)
     )
     if decides:
         return Verdict(plain, True, "", lines)
@@ -175,21 +176,21 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
     if plain.resolved:
         return Verdict(others[0] if others else plain, True, "", ())
     if len(others) < 2:
-        which = f"only {others[0].method} gave an estimate" if others else "no method gave an estimate"
-        return Verdict(plain, False, f"{which}, but two agreeing estimates are needed", ())
+        reason = f"only {others[0].method} gave an estimate" if others else "no method gave an estimate"
+        return Verdict(plain, False, f"{reason}, but two agreeing estimates are needed", ())
     return Verdict(others[0], True, "", ())
 
 
 def remarks(verdict: Verdict, searched: Form) -> tuple[str, ...]:
-    """Return how FORM differs from the best estimate, which is common because failure surfaces are curved."""
+    """Return a remark if FORM differs from the best estimate, which is common for curved failure surfaces."""
     best, span = verdict.best, searched.range
     if span is None:
-        said = f"FORM's search from {searched.starts} starts led to no design point; {best.method} found failures"
-        return (said,) if verdict.resolved and best.interval[0] > 0 else ()
+        text = f"FORM's search from {searched.starts} starts led to no design point; {best.method} found failures"
+        return (text,) if verdict.resolved and best.interval[0] > 0 else ()
     if span[0] > best.interval[1] or span[1] < best.interval[0]:
-        which = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({in_words(span)} for all its design points)"
+        label = f"FORM ({span[0]:.3g})" if span[0] == span[1] else f"FORM ({in_words(span)} for all its design points)"
         return (
-            f"{which} assumes a flat failure surface, but it is curved; the estimate to use is {best.method} "
+            f"{label} assumes a flat failure surface, but it is curved; the estimate to use is {best.method} "
             f"({in_words(best.interval)})",
         )
     return ()
@@ -214,6 +215,6 @@ def rounded(end: float, interval: tuple[float, float], *, down: bool = False) ->
         return "0"
     low, high = interval
     leading = math.floor(math.log10(end))
-    enough = (n for n in range(3, _MOST_DIGITS) if 2 * 10.0 ** (leading - n + 1) <= high - low)
-    digits = next(enough, _MOST_DIGITS)
+    sufficient = (n for n in range(3, _MOST_DIGITS) if 2 * 10.0 ** (leading - n + 1) <= high - low)
+    digits = next(sufficient, _MOST_DIGITS)
     return f"{round_end(end, digits, up=not down):.{digits}g}"

@@ -1,4 +1,4 @@
-"""The reliability in pictures and in the report."""
+"""Figure and report section of the reliability."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ from precision_pin.render.tables import absolute, percent, unit
 from precision_pin.sampling.table import demanded
 
 LISTED: Final = 6
+"""Maximum number of draws in the figure."""
+# maximum number of characters of a draw's name
 _LONGEST_NAME: Final = 38
 
 
@@ -36,44 +38,44 @@ def figure(
         f"bars: intervals at {100 * result.confidence:g} % confidence",
     ]
     with figure_style.style():
-        drawn = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        drawing = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         rows = len(entry.specifications)
-        panels = drawn.subplots(rows, 2, squeeze=False)
+        panels = drawing.subplots(rows, 2, squeeze=False)
         for k, specification in enumerate(entry.specifications):
             _draw_methods(panels[k, 0], specification)
-            named = list(specification.failures[0].importance.items()) if specification.failures else []
-            _draw_importance(panels[k, 1], specification, named if importance is None else importance[k])
-        drawn.suptitle("\n".join(lines))
-        figure_style.set_height(drawn, 34.0 * rows + figure_style.LINE_HEIGHT * (len(lines) + 1))
-    return drawn
+            importances = list(specification.failures[0].importance.items()) if specification.failures else []
+            _draw_importance(panels[k, 1], specification, importances if importance is None else importance[k])
+        drawing.suptitle("\n".join(lines))
+        figure_style.set_height(drawing, 34.0 * rows + figure_style.LINE_HEIGHT * (len(lines) + 1))
+    return drawing
 
 
 def draw(axes: Axes, result: ReliabilityResult, which: int, quantity: str) -> None:
     """Draw the methods' probabilities of failure of the first specification of a vector on given axes."""
     entries = result.poses[which].specifications
-    found = [entry for entry in entries if entry.specification.quantity.startswith(quantity)]
-    if not found:
+    matches = [entry for entry in entries if entry.specification.quantity.startswith(quantity)]
+    if not matches:
         raise InputError(f"no specification limits the {quantity}")
     with figure_style.style():
-        _draw_methods(axes, found[0])
+        _draw_methods(axes, matches[0])
 
 
 def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
-    shown = [one for one in entry.estimates if one.interval[1] < 1 or one.probability]
-    positive = [value for one in shown for value in (*one.interval, one.probability) if value > 0]
+    estimates = [estimate for estimate in entry.estimates if estimate.interval[1] < 1 or estimate.probability]
+    positive = [value for estimate in estimates for value in (*estimate.interval, estimate.probability) if value > 0]
     positive += [*(entry.form.range or ()), 1 - entry.specification.required]
     lowest = 10.0 ** math.floor(math.log10(max(min(positive), 1e-15)) - 0.3)
     highest = 10.0 ** math.ceil(math.log10(max(positive)))
-    for row, estimate in enumerate(shown):
+    for row, estimate in enumerate(estimates):
         colour = BLUE if estimate.resolved else SKY
-        low, high = (max(end, lowest) for end in estimate.interval)
+        low, high = (max(bound, lowest) for bound in estimate.interval)
         axes.plot([low, high], [row, row], color=colour, linewidth=2.4, solid_capstyle="butt")
         if estimate.probability:
             axes.plot([estimate.probability], [row], "o", color=colour, markersize=4)
-    names = [estimate.method for estimate in shown]
+    names = [estimate.method for estimate in estimates]
     if entry.form.range is not None:
-        axes.plot(entry.form.range, [len(shown)] * 2, color=PURPLE, linewidth=2.4)
-        axes.plot([entry.form.range[0]], [len(shown)], "s", color=PURPLE, markersize=4)
+        axes.plot(entry.form.range, [len(estimates)] * 2, color=PURPLE, linewidth=2.4)
+        axes.plot([entry.form.range[0]], [len(estimates)], "s", color=PURPLE, markersize=4)
         names.append("FORM")
     colour = VERMILION if entry.verdict == "not met" else GREEN if entry.met else BLACK
     axes.axvline(1 - entry.specification.required, color=colour, linestyle=(0, (6, 1.5, 1.2, 1.5)))
@@ -87,9 +89,9 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(max(len(names), 3) - 0.4, -0.6)
     axes.set_xlabel("probability of failure (line: allowed)")
-    limited = entry.specification
-    within = f"{1e3 * limited.limit:.6g} {unit(limited.quantity)}"
-    axes.set_title(f"{absolute(limited.quantity)} within {within}: {entry.verdict}", fontsize=7.5)
+    spec = entry.specification
+    within = f"{1e3 * spec.limit:.6g} {unit(spec.quantity)}"
+    axes.set_title(f"{absolute(spec.quantity)} within {within}: {entry.verdict}", fontsize=7.5)
 
 
 def _draw_importance(axes: Axes, entry: SpecificationReliability, importance: Sequence[tuple[str, float]]) -> None:
@@ -107,7 +109,9 @@ def _draw_importance(axes: Axes, entry: SpecificationReliability, importance: Se
     axes.set_title(f"β = {entry.failures[0].beta:.4g}", fontsize=7.5)
 
 
+# maximum number of causes in the report's table
 _LISTED = 12
+# importance below which a cause is omitted
 _NOTHING = 5e-5
 
 
@@ -115,9 +119,9 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
     """Return the verdicts, the estimate of each method, and the draws that matter most for failure."""
     entries = result.poses[0].specifications
     chart = figure_style.inline_figure(
-        figure(result, 0, [_important(entry, results) for entry in entries]),
+        figure(result, 0, [_shares_by_cause(entry, results) for entry in entries]),
         f"{results.prefix}reliability",
-        f"Probabilities of failure by method: {'; '.join(map(_described, entries))}",
+        f"Probabilities of failure by method: {'; '.join(map(_describe, entries))}",
         "Probability of failure by each method with its interval, and the draws that make the likeliest failure.",
     )
     caption = f"Probability of exceeding each limit; intervals at {100 * result.confidence:g} % confidence"
@@ -137,7 +141,7 @@ def content(result: ReliabilityResult, results: Results) -> list[Child]:
     return [*parts, items(lines, "note")] if lines else parts
 
 
-def _described(entry: SpecificationReliability) -> str:
+def _describe(entry: SpecificationReliability) -> str:
     return f"{demanded(entry.specification)} {in_words(entry.best.interval)}, {entry.verdict}"
 
 
@@ -145,13 +149,13 @@ def _methods(entry: SpecificationReliability) -> Html:
     return report_table(f"Methods, {demanded(entry.specification)}", METHOD_COLUMNS, entry.estimates)
 
 
-def _important(entry: SpecificationReliability, results: Results) -> list[tuple[str, float]]:
+def _shares_by_cause(entry: SpecificationReliability, results: Results) -> list[tuple[str, float]]:
     return sum_by_cause(results.causes, entry.failures[0].importance) if entry.failures else []
 
 
 def _importance(entry: SpecificationReliability, results: Results) -> Html:
-    first = entry.failures[0]
-    rows = [[text, percent(share)] for text, share in _important(entry, results)[:_LISTED] if share >= _NOTHING]
-    found = f"β = {first.beta:.5g}, Φ(-β) = {first.probability:.3g}"
-    caption = f"Likeliest failure, {demanded(entry.specification)}: {found}"
+    point = entry.failures[0]
+    rows = [[text, percent(share)] for text, share in _shares_by_cause(entry, results)[:_LISTED] if share >= _NOTHING]
+    facts = f"β = {point.beta:.5g}, Φ(-β) = {point.probability:.3g}"
+    caption = f"Likeliest failure, {demanded(entry.specification)}: {facts}"
     return table(caption, ["cause", "importance %"], rows)

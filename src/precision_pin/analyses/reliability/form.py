@@ -32,12 +32,18 @@ from precision_pin.draws.space import Space
 Margin = Callable[[Array], Array]
 """Margin to failure ``(N,)`` as a function of standard normal numbers ``(d, N)``; negative at failures."""
 
+# step of central differences in standard normal numbers
 _STEP: Final = 1e-4
+# maximum number of steps of a search
 _MOST_STEPS: Final = 40
+# step lengths tried in a line search, relative to the full step
 _LENGTHS: Final = np.array([4.0, 2.0, 1.0, 0.5, 0.25, 2.0**-3, 2.0**-4, 2.0**-6, 2.0**-8, 2.0**-11])
 
+# margin, relative to its scale, at which a search stops; ten times this for its last step
 _TOLERANCE: Final = 1e-7
+# least distance of distinct design points, relative to their distance from the origin if it is above 1
 _APART: Final = 2e-2
+# margins evaluated together, which limits memory
 _AT_ONCE: Final = 16_384
 
 # radius of a bulge and its shift of the surface, as ratios to the point's distance (Der Kiureghian and Dakessian,
@@ -45,8 +51,10 @@ _AT_ONCE: Final = 16_384
 _BULGE_RADIUS: Final = 1.1
 _BULGE_LIFT: Final = 0.75
 
+# maximum number of rounds of bulges around the points found
 _MOST_ROUNDS: Final = 8
 
+# random starts, and most of the given ones, of each such round
 _BULGE_STARTS: Final = 8
 
 
@@ -112,10 +120,10 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
         return Form((), len(starts))
     at_origin = float(margin(np.zeros((size, 1)))[0])
     search = _Search(margin, jumps, abs(at_origin) or 1.0)
-    begin = search.project_starts(np.array(starts, dtype=float).reshape(-1, size).T)
-    ends, good = search.run(begin, _MOST_STEPS)
-    distinct = _distinct([], ends[:, good])
-    tried = len(starts)
+    projected = search.project_starts(np.array(starts, dtype=float).reshape(-1, size).T)
+    end_points, is_good = search.run(projected, _MOST_STEPS)
+    distinct = _add_distinct([], end_points[:, is_good])
+    start_count = len(starts)
     if at_origin > 0:
         sides = 2 * np.random.Generator(np.random.Philox(1)).standard_normal((size, _BULGE_STARTS))
         for _ in range(_MOST_ROUNDS):
@@ -123,15 +131,15 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
             # it is a design point
             if not distinct or len(distinct) > 12:
                 break
-            first = search.project_starts(np.concatenate([sides, begin[:, :_BULGE_STARTS]], axis=1))
+            bulge_starts = search.project_starts(np.concatenate([sides, projected[:, :_BULGE_STARTS]], axis=1))
             bulged = _Search(_with_bulges(search, np.array(distinct).T), jumps, search.scale)
-            met, well = bulged.run(first, _MOST_STEPS)
-            tried += first.shape[1]
-            ends, good = search.run(met[:, well], _MOST_STEPS)
-            more = _distinct(distinct, ends[:, good])
-            if len(more) == len(distinct):
+            bulge_ends, has_end = bulged.run(bulge_starts, _MOST_STEPS)
+            start_count += bulge_starts.shape[1]
+            end_points, is_good = search.run(bulge_ends[:, has_end], _MOST_STEPS)
+            extended = _add_distinct(distinct, end_points[:, is_good])
+            if len(extended) == len(distinct):
                 break
-            distinct = more
+            distinct = extended
     points = []
     for u in sorted(distinct, key=lambda u: float(np.linalg.norm(u))):
         distance = float(np.linalg.norm(u))
@@ -140,7 +148,7 @@ def form(margin: Margin, size: int, starts: Sequence[Array], jumps: Sequence[Jum
             slope = search.with_gradients(u[:, None])[1][:, 0]
             towards = slope / max(float(np.linalg.norm(slope)), 1e-300)
         points.append(DesignPoint(u, math.copysign(distance, at_origin), towards**2))
-    return Form(tuple(points), tried)
+    return Form(tuple(points), start_count)
 
 
 def towards_surface(margin: Margin, samples: Array, jumps: Sequence[Jump], steps: int) -> Array:
@@ -153,38 +161,38 @@ def towards_surface(margin: Margin, samples: Array, jumps: Sequence[Jump], steps
         return samples
     at_origin = float(margin(np.zeros((size, 1)))[0])
     search = _Search(margin, jumps, abs(at_origin) or 1.0)
-    ends, _ = search.run(search.project_starts(samples), steps)
+    end_points, _ = search.run(search.project_starts(samples), steps)
     factors = np.linspace(0.5, 1.5, 21)
-    rays = (ends[:, :, None] * factors).reshape(size, -1)
-    values = search.values(rays).reshape(ends.shape[1], factors.size)
+    rays = (end_points[:, :, None] * factors).reshape(size, -1)
+    values = search.values(rays).reshape(end_points.shape[1], factors.size)
     crossing = (values[:, :-1] >= 0) & (values[:, 1:] < 0)
-    met = crossing.any(axis=1)
-    k = crossing.argmax(axis=1)[met]
-    before, after = values[met, k], values[met, k + 1]
+    is_crossed = crossing.any(axis=1)
+    k = crossing.argmax(axis=1)[is_crossed]
+    before, after = values[is_crossed, k], values[is_crossed, k + 1]
     factor = factors[k] + (factors[1] - factors[0]) * before / (before - after)
-    points: Array = ends[:, met] * factor
+    points: Array = end_points[:, is_crossed] * factor
     return points[:, np.linalg.norm(points, axis=0) <= FARTHEST]
 
 
-def _distinct(known: list[Array], points: Array) -> list[Array]:
-    out = list(known)
+def _add_distinct(earlier: list[Array], points: Array) -> list[Array]:
+    result = list(earlier)
     for u in points.T[np.argsort(np.linalg.norm(points, axis=0), kind="stable")]:
-        apart = _APART * max(1.0, float(np.linalg.norm(u)))
-        if all(float(np.linalg.norm(u - other)) > apart for other in out):
-            out.append(u)
-    return out
+        distance = _APART * max(1.0, float(np.linalg.norm(u)))
+        if all(float(np.linalg.norm(u - point)) > distance for point in result):
+            result.append(u)
+    return result
 
 
 def _with_bulges(search: _Search, points: Array) -> Margin:
     """Return the margin, increased about points ``(d, P)`` so that the surface is farther out there."""
     _, slopes = search.with_gradients(points)
     distances = np.maximum(np.linalg.norm(points, axis=0), 1e-3)
-    reach = (_BULGE_RADIUS * distances) ** 2
+    radii = (_BULGE_RADIUS * distances) ** 2
     height = _BULGE_LIFT * distances * np.linalg.norm(slopes, axis=0) / (1 - (_BULGE_LIFT / _BULGE_RADIUS) ** 2) ** 2
 
     def margin(u: Array) -> Array:
         squares = (u**2).sum(axis=0)[:, None] - 2 * u.T @ points + (points**2).sum(axis=0)
-        return search.margin(u) + np.maximum(1 - squares / reach, 0.0) ** 2 @ height
+        return search.margin(u) + np.maximum(1 - squares / radii, 0.0) ** 2 @ height
 
     return margin
 
@@ -199,13 +207,13 @@ class _Search:
 
     def project_starts(self, starts: Array) -> Array:
         """Return the starts, with numbers with jumps moved to the point of their piece closest to the origin."""
-        out = starts.copy()
+        projected = starts.copy()
         for jump in self.jumps:
-            out[jump.row] = jump.nearest(jump.pieces(starts))
-        return out
+            projected[jump.row] = jump.nearest(jump.pieces(starts))
+        return projected
 
     def values(self, u: Array) -> Array:
-        parts = [self.margin(u[:, first : first + _AT_ONCE]) for first in range(0, u.shape[1], _AT_ONCE)]
+        parts = [self.margin(u[:, start : start + _AT_ONCE]) for start in range(0, u.shape[1], _AT_ONCE)]
         return np.concatenate([np.zeros(0), *parts])
 
     def with_gradients(self, u: Array) -> tuple[Array, Array]:
@@ -214,48 +222,48 @@ class _Search:
         rows = np.array(sorted(set(range(size)) - {jump.row for jump in self.jumps}), dtype=int)
         steps = np.zeros((rows.size, size))
         steps[np.arange(rows.size), rows] = _STEP
-        moved = np.concatenate([u[None], u[None] + steps[:, :, None], u[None] - steps[:, :, None]])
-        values = self.values(np.moveaxis(moved, 0, 1).reshape(size, -1)).reshape(-1, count)
+        points = np.concatenate([u[None], u[None] + steps[:, :, None], u[None] - steps[:, :, None]])
+        values = self.values(np.moveaxis(points, 0, 1).reshape(size, -1)).reshape(-1, count)
         gradients = np.zeros((size, count))
         gradients[rows] = (values[1 : rows.size + 1] - values[rows.size + 1 :]) / (2 * _STEP)
         return values[0], gradients
 
-    def run(self, starts: Array, most: int) -> tuple[Array, NDArray[np.bool_]]:
+    def run(self, starts: Array, max_steps: int) -> tuple[Array, NDArray[np.bool_]]:
         """Return the end points ``(d, S)``, and which searches converged on the surface within 8.2."""
         u = starts.copy()
-        good = np.zeros(u.shape[1], dtype=bool)
-        beyond = np.zeros(u.shape[1], dtype=int)
+        is_good = np.zeros(u.shape[1], dtype=bool)
+        steps_beyond = np.zeros(u.shape[1], dtype=int)
         active = np.arange(u.shape[1])
-        held = [jump.row for jump in self.jumps]
-        for _ in range(most):
+        jump_rows = [jump.row for jump in self.jumps]
+        for _ in range(max_steps):
             if not active.size:
                 break
-            here = u[:, active]
-            value, gradient = self.with_gradients(here)
+            points = u[:, active]
+            value, gradient = self.with_gradients(points)
             square = (gradient**2).sum(axis=0)
-            flat = square <= (1e-12 * self.scale) ** 2
-            factor = ((gradient * here).sum(axis=0) - value) / np.where(flat, 1.0, square)
+            is_flat = square <= (1e-12 * self.scale) ** 2
+            factor = ((gradient * points).sum(axis=0) - value) / np.where(is_flat, 1.0, square)
             aim = factor * gradient
-            aim[held] = here[held]
+            aim[jump_rows] = points[jump_rows]
             length = np.linalg.norm(aim, axis=0)
-            far = length > FARTHEST
-            aim[:, far] *= FARTHEST / length[far]
-            beyond[active] = np.where(far, beyond[active] + 1, 0)
-            direction = aim - here
+            is_far = length > FARTHEST
+            aim[:, is_far] *= FARTHEST / length[is_far]
+            steps_beyond[active] = np.where(is_far, steps_beyond[active] + 1, 0)
+            direction = aim - points
             step = np.linalg.norm(direction, axis=0)
-            good[active] = ~flat & ~far & (np.abs(value) <= 1e-6 * self.scale)
-            # looser than for a search that stops
-            good[active] &= step <= 3e-4 * np.maximum(1.0, length)
-            settled = ~far & (np.abs(value) <= _TOLERANCE * self.scale) & (step <= _TOLERANCE * 10)
-            # a search that stays beyond the farthest distance is given up
-            go = ~flat & ~settled & (beyond[active] <= 12)
-            active, here, value, gradient, direction = (
-                active[go], here[:, go], value[go], gradient[:, go], direction[:, go],
+            is_good[active] = ~is_flat & ~is_far & (np.abs(value) <= 1e-6 * self.scale)
+            # looser than the criterion for stopping
+            is_good[active] &= step <= 3e-4 * np.maximum(1.0, length)
+            is_settled = ~is_far & (np.abs(value) <= _TOLERANCE * self.scale) & (step <= _TOLERANCE * 10)
+            # searches that stay beyond the farthest distance stop
+            is_active = ~is_flat & ~is_settled & (steps_beyond[active] <= 12)
+            active, points, value, gradient, direction = (
+                active[is_active], points[:, is_active], value[is_active], gradient[:, is_active], direction[:, is_active],
             )  # fmt: skip
-            better, moved = self._line_search(here, value, gradient, direction)
-            u[:, active[moved]] = better[:, moved]
-            active = active[moved]
-        return u, good
+            improved, has_moved = self._line_search(points, value, gradient, direction)
+            u[:, active[has_moved]] = improved[:, has_moved]
+            active = active[has_moved]
+        return u, is_good
 
     def _line_search(
         self, u: Array, value: Array, gradient: Array, direction: Array
@@ -273,36 +281,37 @@ class _Search:
         unforeseen = ahead - value[:, None] - _LENGTHS * (gradient * direction).sum(axis=0)[:, None]
         bent = straight - (unforeseen / square[:, None]) * gradient[:, :, None]
         bent *= np.minimum(1.0, FARTHEST / np.maximum(np.linalg.norm(bent, axis=0), 1e-300))
-        tried = np.concatenate([straight, bent], axis=2)
+        trials = np.concatenate([straight, bent], axis=2)
         values = np.concatenate([ahead, self.values(bent.reshape(size, -1)).reshape(ahead.shape)], axis=1)
-        merits = (tried**2).sum(axis=0) / 2 + penalty[:, None] * np.abs(values)
+        merits = (trials**2).sum(axis=0) / 2 + penalty[:, None] * np.abs(values)
         # required fraction of the decrease that the slope of the merit predicts (Armijo)
-        wanted = merit[:, None] + 0.1 * np.tile(_LENGTHS, 2) * np.minimum(slope, 0.0)[:, None]
-        enough = (merits <= wanted) & (merits < merit[:, None])
-        best = np.where(enough, merits, np.inf).argmin(axis=1)
-        return tried[:, np.arange(count), best], enough.any(axis=1)
+        required = merit[:, None] + 0.1 * np.tile(_LENGTHS, 2) * np.minimum(slope, 0.0)[:, None]
+        is_lower = (merits <= required) & (merits < merit[:, None])
+        choice = np.where(is_lower, merits, np.inf).argmin(axis=1)
+        return trials[:, np.arange(count), choice], is_lower.any(axis=1)
 
 
 FARTHEST: Final = 8.2
 """Largest distance of the search in standard normal numbers: a probability of 1e-16."""
 
 OFTEN: Final = 0.1
-"""Probability above which a value is never searched separately."""
+"""Probability above which a value never forms a stratum."""
 
 RARE: Final = 1e-2
-"""The same where there are too many combinations of values, or for tables without values that lie apart."""
+"""This probability for too many combinations of values, or for tables without isolated values."""
 
 NEGLIGIBLE: Final = 1e-9
 """Smallest upper end for a stratum without an estimate, even if levels down to 1e-12 had no failure."""
 
 LEAST: Final = 1e-16
-"""Probability of the rarest combination that is looked at: that of a normal number beyond the farthest distance."""
+"""Probability of the rarest combination evaluated: a normal number beyond the farthest distance."""
 
 # largest skewness of a symmetric law; distance of values that lie apart, as a fraction of the range of all
 _SKEWED: Final = 0.1
 _GAP: Final = 0.2
 
 
+# fraction of a law's range whose change at a jump, or within half a normal score, may hide a failure
 _STEEP_SHARE: Final = 0.1
 
 
@@ -315,8 +324,8 @@ class Jump(Fixed):
 
     def pieces(self, normals: Array) -> NDArray[np.intp]:
         """Return the number of the piece between two edges, ``(N,)``, for each sample ``(d, N)``."""
-        found = np.searchsorted(self.edges, special.ndtr(normals[self.row]), side="right") - 1
-        return np.clip(found, 0, self.edges.size - 2)
+        piece = np.searchsorted(self.edges, special.ndtr(normals[self.row]), side="right") - 1
+        return np.clip(piece, 0, self.edges.size - 2)
 
     def scores(self, pieces: NDArray[np.intp], shares: Array) -> Array:
         """Return the normal numbers at a relative position (0 to 1) within the pieces."""
@@ -326,8 +335,8 @@ class Jump(Fixed):
     def nearest(self, pieces: NDArray[np.intp]) -> Array:
         """Return the smallest normal number, by absolute value, within each piece."""
         low, high = self.edges[pieces], self.edges[pieces + 1]
-        inside = np.clip(0.5, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
-        return np.clip(special.ndtri(inside), -FARTHEST, FARTHEST)
+        uniform = np.clip(0.5, low + 1e-6 * (high - low), high - 1e-6 * (high - low))
+        return np.clip(special.ndtri(uniform), -FARTHEST, FARTHEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,8 +362,8 @@ class Stratum(Fixed):
 
     def rare_at(self, normals: Array) -> tuple[str, ...]:
         """Return the draws with a rare value at a point ``(d,)``."""
-        which, _ = self._select_combinations(normals[:, None])
-        return tuple(name for name, group in zip(self.cuts, self.combinations[which[0]], strict=True) if group)
+        index, _ = self._select_combinations(normals[:, None])
+        return tuple(name for name, group in zip(self.cuts, self.combinations[index[0]], strict=True) if group)
 
     def values(self, normals: Array) -> Array:
         """Return component values ``(d, N)`` for standard normal numbers ``(d, N)``; see :func:`from_normals`."""
@@ -362,9 +371,9 @@ class Stratum(Fixed):
         x: Array = np.empty_like(u)
         scores = u.copy()
         uniforms = self._uniforms(u)
-        for first, rows, root in self._mixing:
-            if first in uniforms:
-                scores[rows[0]] = np.clip(special.ndtri(uniforms[first]), -FARTHEST, FARTHEST)
+        for name, rows, root in self._mixing:
+            if name in uniforms:
+                scores[rows[0]] = np.clip(special.ndtri(uniforms[name]), -FARTHEST, FARTHEST)
             scores[rows] = np.clip(root @ scores[rows], -FARTHEST, FARTHEST)
         for draw, columns in zip(self.space.draws, self.space.slices, strict=True):
             if draw.name in uniforms:
@@ -376,29 +385,29 @@ class Stratum(Fixed):
     @cached_property
     def jumps(self) -> tuple[Jump, ...]:
         """Normal numbers with jumps within the stratum."""
-        found = []
+        jumps = []
         correlated = {name for correlation in self.space.correlations for name in correlation.names}
         for draw, columns in zip(self.space.draws, self.space.slices, strict=True):
             cells = _cells(draw.law)
             if cells is None or draw.name in correlated:
-                continue  # correlated draws change the others smoothly
+                continue  # correlated draws change the others continuously
             if draw.name == self._selector and len(self.combinations) > 1:
                 edges = np.concatenate([[0.0], np.cumsum(self.shares)])
             else:
-                used = {key[list(self.cuts).index(draw.name)] for key in self.combinations if draw.name in self.cuts}
-                if len(used) > 1:
+                groups = {key[list(self.cuts).index(draw.name)] for key in self.combinations if draw.name in self.cuts}
+                if len(groups) > 1:
                     continue
-                parts = self.cuts[draw.name][used.pop()] if used else _pieces(draw.law, cells)
+                parts = self.cuts[draw.name][groups.pop()] if groups else _pieces(draw.law, cells)
                 edges = np.concatenate([[0.0], np.cumsum(parts[:, 1] - parts[:, 0])])
             if edges.size > 2:
-                found.append(Jump(columns.start, edges / edges[-1]))
-        return tuple(found)
+                jumps.append(Jump(columns.start, edges / edges[-1]))
+        return tuple(jumps)
 
     @cached_property
     def is_symmetric(self) -> bool:
         """True if no number jumps within the stratum and all laws are symmetric."""
         moments = [draw.law.standardised_moments() for draw in self.space.draws if draw.name not in self.cuts]
-        return not self.jumps and all(known and abs(known[0]) <= _SKEWED for known in moments)
+        return not self.jumps and all(m and abs(m[0]) <= _SKEWED for m in moments)
 
     @cached_property
     def certain(self) -> bool:
@@ -427,30 +436,30 @@ class Stratum(Fixed):
         if len(self.combinations) == 1:
             at = special.ndtr(u[self._rows[self._selector].start]) if self.cuts else np.zeros(u.shape[1])
             return np.zeros(u.shape[1], dtype=np.intp), at
-        ends = np.cumsum(self.shares)
-        at = special.ndtr(u[self._rows[self._selector].start]) * ends[-1]
-        which = np.minimum(np.searchsorted(ends, at, side="right"), ends.size - 1)
-        return which, np.clip((at - (ends - self.shares)[which]) / self.shares[which], 0.0, 1.0)
+        bounds = np.cumsum(self.shares)
+        at = special.ndtr(u[self._rows[self._selector].start]) * bounds[-1]
+        index = np.minimum(np.searchsorted(bounds, at, side="right"), bounds.size - 1)
+        return index, np.clip((at - (bounds - self.shares)[index]) / self.shares[index], 0.0, 1.0)
 
     def _uniforms(self, u: Array) -> dict[str, Array]:
-        which, through = self._select_combinations(u)
-        found = {}
+        index, selector_position = self._select_combinations(u)
+        uniforms = {}
         for k, (name, cuts) in enumerate(self.cuts.items()):
-            own = through if name == self._selector else special.ndtr(u[self._rows[name].start])
+            position = selector_position if name == self._selector else special.ndtr(u[self._rows[name].start])
             groups = np.array([key[k] for key in self.combinations])
             if all(len(cut) == 1 for cut in cuts):
-                low, high = np.concatenate(cuts)[groups[which]].T
-                found[name] = np.minimum(low + own * (high - low), np.nextafter(high, 0))
+                low, high = np.concatenate(cuts)[groups[index]].T
+                uniforms[name] = np.minimum(low + position * (high - low), np.nextafter(high, 0))
                 continue
-            used = np.unique(groups)
-            if used.size == 1:
-                found[name] = _within(cuts[used[0]], own)
+            present = np.unique(groups)
+            if present.size == 1:
+                uniforms[name] = _within(cuts[present[0]], position)
                 continue
-            found[name] = np.empty(u.shape[1])
-            for group in used:
-                here = groups[which] == group
-                found[name][here] = _within(cuts[group], own[here])
-        return found
+            uniforms[name] = np.empty(u.shape[1])
+            for group in present:
+                is_here = groups[index] == group
+                uniforms[name][is_here] = _within(cuts[group], position[is_here])
+        return uniforms
 
     @cached_property
     def _rows(self) -> dict[str, slice]:
@@ -459,7 +468,7 @@ class Stratum(Fixed):
     @cached_property
     def _mixing(self) -> tuple[tuple[str, list[int], Array], ...]:
         """First name, rows and triangular root of each correlation, with restricted or else jumping draws first."""
-        found = []
+        mixing = []
         laws = {draw.name: draw.law for draw in self.space.draws}
         for correlation in self.space.correlations:
             order = sorted(
@@ -468,8 +477,8 @@ class Stratum(Fixed):
             )
             matrix = np.array(correlation.matrix)[np.ix_(order, order)]
             rows = [self.space.index[correlation.names[k]] for k in order]
-            found.append((correlation.names[order[0]], rows, np.linalg.cholesky(matrix)))
-        return tuple(found)
+            mixing.append((correlation.names[order[0]], rows, np.linalg.cholesky(matrix)))
+        return tuple(mixing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -505,18 +514,18 @@ def stratified(space: Space, margin: Callable[[Array], Array], sides: Callable[[
         groups: dict[str, list[Array]] = {}
         for draw, columns in zip(space.draws, space.slices, strict=True):
             cells = _cells(draw.law)
-            if cells is not None and len(cells) > 1 and _hides(draw.law):
-                below = RARE if draw.name in correlated else limit
-                found = _groups(space, draw, columns, cells, margin, sides or margin, below)
-                if len(found) > 1:
-                    groups[draw.name] = found
-        strata = _combined(space, groups, correlated)
+            if cells is not None and len(cells) > 1 and _has_jump(draw.law):
+                bound = RARE if draw.name in correlated else limit
+                draw_groups = _groups(space, draw, columns, cells, margin, sides or margin, bound)
+                if len(draw_groups) > 1:
+                    groups[draw.name] = draw_groups
+        strata = _combine(space, groups, correlated)
         if strata.remainder <= NEGLIGIBLE:
             break
     return strata
 
 
-def _combined(space: Space, groups: dict[str, list[Array]], correlated: set[str]) -> Strata:
+def _combine(space: Space, groups: dict[str, list[Array]], correlated: set[str]) -> Strata:
     remainder = 0.0
     for correlation in space.correlations:
         names = [name for name in correlation.names if name in groups]
@@ -530,36 +539,36 @@ def _combined(space: Space, groups: dict[str, list[Array]], correlated: set[str]
     # the combination is selected by draws without correlation
     cuts = {name: tuple(groups[name]) for name in sorted(groups, key=lambda name: name in correlated)}
     combinations: list[tuple[float, tuple[int, ...]]] = [(1.0, ())]
-    for own in cuts.values():
-        wider = [(p * _length(cut), (*key, k)) for p, key in combinations for k, cut in enumerate(own)]
+    for draw_cuts in cuts.values():
+        wider = [(p * _length(cut), (*key, k)) for p, key in combinations for k, cut in enumerate(draw_cuts)]
         combinations = sorted((entry for entry in wider if entry[0] > LEAST), key=lambda entry: -entry[0])[:4096]
     parts = []
-    for together in _alike(combinations)[:32]:
-        probabilities = np.array([p for p, _ in together])
-        whole = float(probabilities.sum())
-        parts.append(Stratum(space, whole, cuts, tuple(key for _, key in together), probabilities / whole))
+    for group in _decades(combinations)[:32]:
+        probabilities = np.array([p for p, _ in group])
+        total = float(probabilities.sum())
+        parts.append(Stratum(space, total, cuts, tuple(key for _, key in group), probabilities / total))
     if sum(len(part.combinations) for part in parts) < math.prod(map(len, cuts.values())):
         remainder += max(0.0, 1 - math.fsum(part.probability for part in parts))
     return Strata(tuple(parts), min(remainder, 1.0))
 
 
-def _alike(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[tuple[float, tuple[int, ...]]]]:
+def _decades(combinations: Sequence[tuple[float, tuple[int, ...]]]) -> list[list[tuple[float, tuple[int, ...]]]]:
     """Return the combinations, most probable first, grouped by the power of ten of their probability."""
-    found: list[list[tuple[float, tuple[int, ...]]]] = []
+    groups: list[list[tuple[float, tuple[int, ...]]]] = []
     for entry in combinations:
-        if found and len(found[-1]) < 256 and found[-1][0][0] < 10 * entry[0] and any(found[-1][0][1]):
-            found[-1].append(entry)
+        if groups and len(groups[-1]) < 256 and groups[-1][0][0] < 10 * entry[0] and any(groups[-1][0][1]):
+            groups[-1].append(entry)
         else:
-            found.append([entry])
-    return found
+            groups.append([entry])
+    return groups
 
 
 def _within(cut: Array, uniforms: Array) -> Array:
     lengths = cut[:, 1] - cut[:, 0]
-    ends = np.cumsum(lengths)
-    at = uniforms * ends[-1]
-    which = np.minimum(np.searchsorted(ends, at, side="right"), len(cut) - 1)
-    return np.minimum(cut[which, 0] + (at - (ends - lengths)[which]), np.nextafter(cut[which, 1], 0))
+    bounds = np.cumsum(lengths)
+    at = uniforms * bounds[-1]
+    cells = np.minimum(np.searchsorted(bounds, at, side="right"), len(cut) - 1)
+    return np.minimum(cut[cells, 0] + (at - (bounds - lengths)[cells]), np.nextafter(cut[cells, 1], 0))
 
 
 def _is_discrete(law: Law) -> bool:
@@ -581,24 +590,24 @@ def _cells(law: Law) -> Array | None:
 
 def _pieces(law: Law, cells: Array) -> Array:
     """Return the cells, merged where the law is continuous from one to the next."""
-    return cells if law.lines is None else _merged(cells, law.lines)
+    return cells if law.lines is None else _merge(cells, law.lines)
 
 
-def _merged(cells: Array, lines: Array) -> Array:
-    starts = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
-    ends = np.append(starts[1:], True)
-    return np.column_stack([cells[starts, 0], cells[ends, 1]])
+def _merge(cells: Array, lines: Array) -> Array:
+    is_start = np.concatenate([[True], (lines[1:, 1] != lines[:-1, 3]) | (cells[1:, 0] != cells[:-1, 1])])
+    is_end = np.append(is_start[1:], True)
+    return np.column_stack([cells[is_start, 0], cells[is_end, 1]])
 
 
-def _hides(law: Law) -> bool:
+def _has_jump(law: Law) -> bool:
     """Return whether a law has a jump or a steep rise, a tenth of its range within half a normal score."""
     if law.lines is None:
         return True
-    begin, value, _, end = law.lines.T
-    low, high = value[0], end[-1]
+    begin, value, _, last = law.lines.T
+    low, high = value[0], last[-1]
     scores = special.ndtri(np.append(begin, 1.0))
-    steep = np.abs(end - value) > _STEEP_SHARE * (high - low)
-    torn = np.abs(value[1:] - end[:-1]) > _STEEP_SHARE * (high - low)
+    steep = np.abs(last - value) > _STEEP_SHARE * (high - low)
+    torn = np.abs(value[1:] - last[:-1]) > _STEEP_SHARE * (high - low)
     return bool((steep & (np.diff(scores) < 0.5)).any() or torn.any())
 
 
@@ -630,26 +639,26 @@ def _groups(
         labels = np.where(reached < RARE, -decade, 0).astype(int)
         for across in _severities(space, draw, columns, cells, sides, 1)[0] if limit > RARE else ():
             order = np.argsort(across, kind="stable")
-            apart = (np.diff(across[order]) > _GAP * np.ptp(across)) & (np.cumsum(shares[order])[:-1] < limit)
-            groups = np.append(np.cumsum(apart[::-1])[::-1], 0) + (labels.max() + 1)
-            own = order[(groups > groups[-1]) & (labels[order] == 0)]
-            labels[own] = groups[np.argsort(order)][own]
-    found = []
+            is_gap = (np.diff(across[order]) > _GAP * np.ptp(across)) & (np.cumsum(shares[order])[:-1] < limit)
+            groups = np.append(np.cumsum(is_gap[::-1])[::-1], 0) + (labels.max() + 1)
+            isolated = order[(groups > groups[-1]) & (labels[order] == 0)]
+            labels[isolated] = groups[np.argsort(order)][isolated]
+    result = []
     # the usual cells have the label 0
     for label in (0, *sorted(set(labels[labels != 0].tolist()))):
-        chosen = labels == label
-        found.append(_arrange_cells(draw.law, cells[chosen], severity[chosen], chosen))
-    return found
+        is_in_group = labels == label
+        result.append(_arrange_cells(draw.law, cells[is_in_group], severity[is_in_group], is_in_group))
+    return result
 
 
 def _severity(
     space: Space, draw: Draw, columns: slice, cells: Array, margin: Callable[[Array], Array]
 ) -> tuple[Array, bool]:
     """Return the least margin in each cell over several values of the others, and whether it depends on the cell."""
-    least, most = _severities(space, draw, columns, cells, margin, 8)
-    span = most.max(axis=1) - least.min(axis=1)
-    matters = bool((span > 1e-12 * (1 + np.abs(least).max(axis=1))).any())
-    return least.min(axis=0), matters
+    minima, maxima = _severities(space, draw, columns, cells, margin, 8)
+    span = maxima.max(axis=1) - minima.min(axis=1)
+    matters = bool((span > 1e-12 * (1 + np.abs(minima).max(axis=1))).any())
+    return minima.min(axis=0), matters
 
 
 def _severities(
@@ -657,26 +666,26 @@ def _severities(
 ) -> tuple[Array, Array]:
     """Return the least and the largest margin in each cell, ``(values of the others or sides, cells)``."""
     # just inside both ends, and the middle
-    inside = np.array([1e-9, 0.5, 1 - 1e-9]) if draw.law.lines is not None else np.array([0.5])
+    positions = np.array([1e-9, 0.5, 1 - 1e-9]) if draw.law.lines is not None else np.array([0.5])
     # fewer values of the others for a law of many cells
-    count = max(1, min(most_probes, 100_000 // (inside.size * len(cells))))
+    count = max(1, min(most_probes, 100_000 // (positions.size * len(cells))))
     probes = np.random.Generator(np.random.Philox(0)).standard_normal((space.size, count))
     probes[:, 0] = 0.0
-    others = from_normals(space, probes)
-    found = []
-    step = max(1, 16_384 // (count * inside.size))
-    for first in range(0, len(cells), step):
-        part = cells[first : first + step]
-        uniforms = (part[:, :1] + (part[:, 1:] - part[:, :1]) * inside).ravel()
-        x = np.repeat(others, uniforms.size, axis=1)
+    values = from_normals(space, probes)
+    parts = []
+    step = max(1, 16_384 // (count * positions.size))
+    for start in range(0, len(cells), step):
+        part = cells[start : start + step]
+        uniforms = (part[:, :1] + (part[:, 1:] - part[:, :1]) * positions).ravel()
+        x = np.repeat(values, uniforms.size, axis=1)
         x[columns] = draw.law.sample(np.tile(uniforms, (draw.law.size, count)))
-        found.append(margin(x).reshape(-1, len(part), inside.size))
-    margins = np.concatenate(found, axis=1)
+        parts.append(margin(x).reshape(-1, len(part), positions.size))
+    margins = np.concatenate(parts, axis=1)
     return margins.min(axis=2), margins.max(axis=2)
 
 
-def _arrange_cells(law: Law, cells: Array, severity: Array, chosen: NDArray[np.bool_]) -> Array:
+def _arrange_cells(law: Law, cells: Array, severity: Array, is_in_group: NDArray[np.bool_]) -> Array:
     """Return the chosen cells: values sorted by their margin, lines between quantiles merged where adjacent."""
     if law.lines is None:
         return cells[np.argsort(severity, kind="stable")]
-    return _merged(cells, law.lines[chosen])
+    return _merge(cells, law.lines[is_in_group])

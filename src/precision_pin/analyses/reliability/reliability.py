@@ -44,11 +44,11 @@ if TYPE_CHECKING:
 
 
 METHOD_COLUMNS: Final = (
-    Column(lambda one: f"  {one.method}", text=""),
+    Column(lambda row: f"  {row.method}", text=""),
     Column("method", report="method"),
     Column("probability", "{:.3g}".format, text="P(failure)", report="probability of failure"),
     Column("interval", in_words, text="interval", report="interval"),
-    Column(lambda one: (one.probability, one.interval), frame="failure", has_interval=True),
+    Column(lambda row: (row.probability, row.interval), frame="failure", has_interval=True),
     Column(
         "variation", lambda share: f"{100 * share:.2g} %" if math.isfinite(share) else "-", "c.o.v.", frame="variation"
     ),
@@ -140,11 +140,11 @@ class SpecificationReliability(RareEvents, Record):
 
     def _judge(self, estimate: Estimate) -> Verdict:
         low, high = estimate.interval
-        allowed = 1 - self.specification.required
-        return judge(holds=high <= allowed, fails=low > allowed, varies=self.varies)
+        tolerated = 1 - self.specification.required
+        return judge(holds=high <= tolerated, fails=low > tolerated, varies=self.varies)
 
     def _verdicts(self) -> set[Verdict]:
-        return {self._judge(estimate) for estimate in (self.best, *(one for one in self.estimates if one.resolved))}
+        return {self._judge(e) for e in (self.best, *(e for e in self.estimates if e.resolved))}
 
     @property
     def met(self) -> bool:
@@ -214,15 +214,15 @@ class ReliabilityResult(Result):
     )
 
     COLUMNS: ClassVar = (
-        Column(lambda one: one.demand(absolute(one.specification.quantity)), notebook="specification"),
+        Column(lambda row: row.demand(absolute(row.specification.quantity)), notebook="specification"),
         Column("specification", demanded, report="specification"),
         Column("specification.quantity", frame="quantity"),
         Column("specification.limit", frame="limit"),
         Column("specification.required", frame="required"),
-        Column(lambda one: (one.probability, one.interval), frame="probability", has_interval=True),
-        Column(lambda one: (one.best.probability, one.best.interval), frame="failure", has_interval=True),
+        Column(lambda row: (row.probability, row.interval), frame="probability", has_interval=True),
+        Column(lambda row: (row.best.probability, row.best.interval), frame="failure", has_interval=True),
         Column(
-            lambda one: f"{one.best.probability:.3g}" if one.resolved else "not resolved",
+            lambda row: f"{row.best.probability:.3g}" if row.resolved else "not resolved",
             notebook="P(failure)", report="probability of failure",
         ),
         Column("best.interval", in_words, notebook="interval", report="interval"),
@@ -233,7 +233,7 @@ class ReliabilityResult(Result):
         Column("nearest.probability", "{:.3g}".format, notebook="FORM"),
         Column("form.probability", frame="form"),
         Column("nearest.beta", "{:.4g}".format, notebook="β", frame="beta"),
-        Column(lambda one: one.verdict if one.met else one.verdict.upper(), notebook="", report="verdict", is_words=True),
+        Column(lambda row: row.verdict if row.met else row.verdict.upper(), notebook="", report="verdict", is_words=True),
     )  # fmt: skip
 
     poses: tuple[PoseReliability, ...]
@@ -261,11 +261,11 @@ class ReliabilityResult(Result):
             raise UnknownNameError("table of a reliability analysis", lines, ("specifications", "methods"))
         if lines == "specifications":
             return self._frame(
-                ("specification",), rows=lambda pose: (((one.name,), one) for one in pose.specifications)
+                ("specification",), rows=lambda pose: (((spec.name,), spec) for spec in pose.specifications)
             )
         return self._frame(
             ("specification", "method"), METHOD_COLUMNS,
-            lambda pose: (((one.name, by.method), by) for one in pose.specifications for by in one.estimates),
+            lambda pose: (((spec.name, row.method), row) for spec in pose.specifications for row in spec.estimates),
         )  # fmt: skip
 
     def rows(self, pose: PoseReliability) -> tuple[SpecificationReliability, ...]:
@@ -338,34 +338,34 @@ def reliability(
         >>> print(best.method, f"{best.probability:.1e}")
         importance sampling 1.6e-06
     """
-    chosen, known = check_request(
+    places, common = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
     )
-    listed = listed_specifications(specifications)
-    if not listed:
+    limits = listed_specifications(specifications)
+    if not limits:
         raise InputError("no specification is given; give at least one, such as '0.5 mm @ 99.73 %'")
-    found: list[PoseReliability] = []
+    entries: list[PoseReliability] = []
     warnings: list[str] = []
-    for one in chosen:
+    for place in places:
         analysis = monte_carlo(
-            error_model, one, samples=samples, seed=seed, specifications=listed, confidence=confidence,
+            error_model, place, samples=samples, seed=seed, specifications=limits, confidence=confidence,
             findings=findings, progress=progress,
         )  # fmt: skip
         warnings += analysis.warnings
-        at = error_model.at(one)
+        at = error_model.at(place)
         layout = sampler.to_arrays(at)
         results = [
-            _of_specification(at, layout, specification, counted, samples, seed, confidence)
-            for specification, counted in zip(listed, analysis.summary.specifications, strict=True)
+            _judge_specification(at, layout, specification, verdict, samples, seed, confidence)
+            for specification, verdict in zip(limits, analysis.summary.specifications, strict=True)
         ]
-        found.append(PoseReliability(PoseLabel.of(error_model, one, at), tuple(results)))
+        entries.append(PoseReliability(PoseLabel.of(error_model, place, at), tuple(results)))
     return ReliabilityResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
         confidence=float(confidence),
-        poses=tuple(found),
-        findings=known,
-        warnings=list_warnings(known, warnings),
+        poses=tuple(entries),
+        findings=common,
+        warnings=list_warnings(common, warnings),
     )
 
 
@@ -380,7 +380,7 @@ def _margin(layout: SamplerArrays, specification: Specification) -> Callable[[Ar
 
 
 def _sides(layout: SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
-    """Return the margins ``(sides, N)``, as that of :func:`_margin`, of failures to either side of each axis.
+    """Return the margins ``(sides, N)`` to failures on either side of each axis, defined as in :func:`_margin`.
 
     A failure is to the side of its largest part. Elsewhere the margin is that of the part along the axis, so that it
     falls all the way to such a failure, also past the middle.
@@ -388,14 +388,14 @@ def _sides(layout: SamplerArrays, specification: Specification) -> Callable[[Arr
     rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
     part = specification.quantity.rpartition(".")[2]
     axes = np.eye(3) if part == "norm" else np.eye(3)[["xyz".index(part)]]
-    ways = np.concatenate([axes, -axes]) / specification.limit
+    normals = np.concatenate([axes, -axes]) / specification.limit
 
     def margins(x: Array) -> Array:
         errors = sampler.errors_at(layout, "exact", x)
-        inside = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
-        along = ways @ errors[rows]
-        outside = np.maximum(1 - along, along.max(axis=0) - along)
-        return np.where(along.argmax(axis=0) == np.arange(len(ways))[:, None], inside, outside)
+        margin = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
+        along = normals @ errors[rows]
+        detour = np.maximum(1 - along, along.max(axis=0) - along)
+        return np.where(along.argmax(axis=0) == np.arange(len(normals))[:, None], margin, detour)
 
     return margins
 
@@ -409,36 +409,36 @@ def _starts(at: PoseModel, specification: Specification) -> list[Array]:
         _NORM_STARTS if part == "norm" else np.tile(np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]], 4)
     )
     spread = np.sqrt(at.space.block_covariance.variances)
-    ways = (at.jacobian[rows] * spread).T @ directions
-    lengths = np.linalg.norm(ways, axis=0)
+    slopes = (at.jacobian[rows] * spread).T @ directions
+    lengths = np.linalg.norm(slopes, axis=0)
     # a small random offset, because a gradient may vanish by symmetry
-    aside = 0.3 * np.random.Generator(np.random.Philox(0)).standard_normal(ways.shape)
-    out = 2 * np.divide(ways, lengths, out=np.zeros_like(ways), where=lengths > 0)
-    return list((out + aside).T)
+    offset = 0.3 * np.random.Generator(np.random.Philox(0)).standard_normal(slopes.shape)
+    scaled = 2 * np.divide(slopes, lengths, out=np.zeros_like(slopes), where=lengths > 0)
+    return list((scaled + offset).T)
 
 
-def _of_specification(
+def _judge_specification(
     at: PoseModel,
     layout: SamplerArrays,
     specification: Specification,
-    counted: SpecificationResult,
+    result: SpecificationResult,
     samples: int,
     seed: int,
     confidence: float,
 ) -> SpecificationReliability:
-    inside = round(counted.probability * samples)
-    plain = plain_estimate(samples - inside, samples, confidence)
-    found = rare_events(
+    successes = round(result.probability * samples)
+    plain = plain_estimate(samples - successes, samples, confidence)
+    events = rare_events(
         at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence,
         _sides(layout, specification),
     )  # fmt: skip
-    failures = (_describe_failure(at, layout, one, found.strata.parts) for one in found.form.points[:LISTED])
+    failures = (_describe_failure(at, layout, point, events.strata.parts) for point in events.form.points[:LISTED])
     return SpecificationReliability(
-        **vars(found),
+        **vars(events),
         specification=specification,
         failures=tuple(failures),
-        varies=counted.varies,
-        grounds=counted.grounds,
+        varies=result.varies,
+        grounds=result.grounds,
     )
 
 

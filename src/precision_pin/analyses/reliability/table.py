@@ -15,6 +15,7 @@ from precision_pin.render.tables import resting_on
 from precision_pin.sampling.table import NOTHING_VARIES, demanded
 
 LISTED: Final = 6
+"""Maximum number of draws and strata listed."""
 
 
 def table(result: ReliabilityResult) -> str:
@@ -48,29 +49,29 @@ def _specification_lines(entry: SpecificationReliability) -> list[str]:
 def _verdict(entry: SpecificationReliability) -> str:
     interval = entry.best.interval
     if entry.verdict == "nothing to judge":
-        said = NOTHING_VARIES
+        text = NOTHING_VARIES
     elif entry.resolved:
-        said = f"P(failure) {entry.best.probability:.3g} ({in_words(entry.best.interval)}, {entry.best.method})"
+        text = f"P(failure) {entry.best.probability:.3g} ({in_words(entry.best.interval)}, {entry.best.method})"
     else:
         span = in_words(interval) if interval[0] else f"below {rounded(interval[1], interval)}"
-        said = f"P(failure) {span} by sampling" if entry.met else f"P(failure) not resolved, {span}"
+        text = f"P(failure) {span} by sampling" if entry.met else f"P(failure) not resolved, {span}"
     verdict = f"{demanded(entry.specification)}: {entry.said}"
-    return verdict if entry.verdict == "not judged" else f"{verdict} - {said}"
+    return verdict if entry.verdict == "not judged" else f"{verdict} - {text}"
 
 
 def _form_lines(entry: SpecificationReliability) -> list[str]:
-    found = entry.form
-    if not entry.failures or found.range is None:
-        return [f"  FORM  {found.starts} starts led to no design point within 8.2 standard deviations"]
-    first = entry.failures[0]
-    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in list(first.importance.items())[:LISTED])
-    count = len(found.points)
-    together = "" if count == 1 else f"; all together {found.range[1]:.3g} at most if all were flat"
+    form = entry.form
+    if not entry.failures or form.range is None:
+        return [f"  FORM  {form.starts} starts led to no design point within 8.2 standard deviations"]
+    point = entry.failures[0]
+    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in list(point.importance.items())[:LISTED])
+    count = len(form.points)
+    union = "" if count == 1 else f"; all together {form.range[1]:.3g} at most if all were flat"
     return [
-        f"  FORM  β {first.beta:.6g}, Φ(-β) {first.probability:.3g}; {count} distinct design "
-        f"point{'' if count == 1 else 's'} from {found.starts} starts{together}",
+        f"  FORM  β {point.beta:.6g}, Φ(-β) {point.probability:.3g}; {count} distinct design "
+        f"point{'' if count == 1 else 's'} from {form.starts} starts{union}",
         f"  importance  {shares}",
-        f"  error at the design point  d = ({_three(first.error[:3])}) mm, δ = ({_three(first.error[3:])}) mrad",
+        f"  error at the design point  d = ({_vector_text(point.error[:3])}) mm, δ = ({_vector_text(point.error[3:])}) mrad",
     ]
 
 
@@ -78,28 +79,28 @@ def _strata_lines(entry: SpecificationReliability) -> list[str]:
     parts = [part for part in entry.strata.parts if part.rare]
     if not parts and not entry.strata.remainder:
         return []
-    named = ", ".join(
+    values = ", ".join(
         f"{' and '.join(part.rare)} {part.probability:.3g}"
         if len(part.combinations) == 1
         else f"{len(part.combinations)} combinations of {', '.join(part.rare)} {part.probability:.3g}"
         for part in parts[:LISTED]
     )
-    more = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
-    left = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
-    return [f"  rare values, each searched separately, and their probabilities  {named or 'none'}{more}{left}"]
+    count = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
+    tail = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
+    return [f"  rare values, each searched separately, and their probabilities  {values or 'none'}{count}{tail}"]
 
 
 def _unresolved(entry: SpecificationReliability) -> list[str]:
     """Return the basis of the verdict where the probability is not resolved, and the reason."""
     if entry.verdict == "nothing to judge" or entry.resolved:
         return []
-    counted = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)
-    failures = round(counted.probability * counted.evaluations)
+    plain = next(estimate for estimate in entry.estimates if estimate.method == SAMPLING)
+    failures = round(plain.probability * plain.evaluations)
     return [
-        f"  the verdict rests on {failures:,} failures among {counted.evaluations:,} samples alone, whose interval always holds; "
+        f"  the verdict rests on {failures:,} failures among {plain.evaluations:,} samples alone, whose interval always holds; "
         f"not resolved{' below that' if entry.met else ''}: {entry.reason}"
     ]
 
 
-def _three(vector: NDArray[np.float64]) -> str:
+def _vector_text(vector: NDArray[np.float64]) -> str:
     return ", ".join(f"{1e3 * value:.4g}" for value in vector.tolist())
