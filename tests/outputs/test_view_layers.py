@@ -22,7 +22,7 @@ from precision_pin.analyses.calibration.figure import (
     calibration_figure,
 )
 from precision_pin.analyses.calibration.table import calibration_table
-from precision_pin.analyses.compensation.figure import CompensationLayer, _displaced, _joints, compensation_chapter
+from precision_pin.analyses.compensation.figure import CompensationLayer, _displaced_arm, _joints, compensation_chapter
 from precision_pin.analyses.map.figure import PlacesData
 from precision_pin.analyses.path.figure import PathLayer
 from precision_pin.base import se3
@@ -324,7 +324,7 @@ def test_a_displaced_joint_stays_at_the_end_of_its_displaced_link(tmp_path):
     """A turn by 0.01 rad of the first joint turns every point behind it about that joint's axis."""
     at = pose_model(tmp_path, arm_text(), JointOffset(joint="turn", offset=Fixed(0.01)))
     expected = se3.rotation_about((0, 0, 1), 0.01) @ _joints(at.posture)
-    assert_allclose(_displaced(at), expected, atol=1e-12)
+    assert_allclose(_displaced_arm(at), expected, atol=1e-12)
 
 
 def test_a_pose_without_a_correction_is_said(compensated):

@@ -28,7 +28,7 @@ from precision_pin.sampling import journal as journal_module
 from precision_pin.sampling.journal import MAGIC, SAMPLES, differences, digest, identity, opened, packed, unpacked
 from precision_pin.sampling.one_pose import sample_blocks
 from precision_pin.sampling.run import Run
-from precision_pin.sampling.workers import Foreign
+from precision_pin.sampling.workers import ExecutorWorkers
 from precision_pin.statistics import State, start
 from precision_pin.statistics.accumulate import LARGEST
 from sampling.cases import AT, MODEL, PLAN, Muddled, assert_same_bits, work
@@ -410,7 +410,7 @@ def test_a_second_interrupt_stops_at_once(file: Path) -> None:
             return future
 
     with opened(file, {}, start(PLAN), SAMPLES, resume=False, tell=print) as (journal, state):
-        run = Run(Foreign(Interrupting(), 4), stopping(KeyboardInterrupt("first")), state, journal)
+        run = Run(ExecutorWorkers(Interrupting(), 4), stopping(KeyboardInterrupt("first")), state, journal)
         with pytest.raises(KeyboardInterrupt, match="second"):
             sample_blocks(run, work(samples=30 * BLOCK), 1)
         assert journal.saved == 0

@@ -34,7 +34,7 @@ from precision_pin.sampling import many_poses
 from precision_pin.sampling import workers as executors
 from precision_pin.sampling.blocks import MOST_SAMPLES
 from precision_pin.sampling.journal import digest
-from precision_pin.sampling.workers import Foreign, Processes, Threads, chosen, dask_cluster
+from precision_pin.sampling.workers import ExecutorWorkers, Processes, Threads, chosen, dask_cluster
 from precision_pin.statistics import start
 from sampling.cases import (
     MODEL,
@@ -85,13 +85,13 @@ def test_seeds_in_every_layout_and_an_error_of_a_sample_comes_as_it_is(processes
         whole = in_one_go(task)
         assert whole.count == SAMPLES
         for size in sizes:
-            for workers in (threads, processes, Foreign(Muddled(shuffle=random.Random(seed)), 5)):
+            for workers in (threads, processes, ExecutorWorkers(Muddled(shuffle=random.Random(seed)), 5)):
                 assert_same_bits(sampled(task, workers, size), whole)
     backwards = Muddled()
-    assert_same_bits(sampled(task, Foreign(backwards, 6), 2), whole)
+    assert_same_bits(sampled(task, ExecutorWorkers(backwards, 6), 2), whole)
     assert backwards.order[:6] == [10, 8, 6, 4, 2, 0]  # the executor did as its name says
     other = r"a worker has numpy \S+, the run was started with 0\.0; install the same version"
-    for workers in (threads, processes, Foreign(Muddled(), 3)):
+    for workers in (threads, processes, ExecutorWorkers(Muddled(), 3)):
         with pytest.raises(InputError, match=other):
             sampled(work(packages=(("numpy", "0.0"),)), workers)
     threads.close(done=True)
@@ -214,7 +214,7 @@ def test_a_bar_is_shown_if_asked_for(monkeypatch) -> None:
 def test_many_poses_that_were_stopped_go_on_with_the_same_bits(tmp_path: Path, monkeypatch):
     poses = MODEL.poses["paper"][:, None] + np.random.default_rng(3).uniform(-0.3, 0.3, (4, 70))
     file, told = tmp_path / "run.journal", []
-    done = many_poses.PosesDone.with_part
+    done = many_poses.CompletedPoses.with_part
 
     def stop_after_one(state, part):
         if state.count:
@@ -224,7 +224,7 @@ def test_many_poses_that_were_stopped_go_on_with_the_same_bits(tmp_path: Path, m
     def sample(q=poses, **saving):
         return pp.sample_poses(MODEL, q, samples=400, seed=4, specifications=["40 mm"], **saving)
 
-    monkeypatch.setattr(many_poses.PosesDone, "with_part", stop_after_one)
+    monkeypatch.setattr(many_poses.CompletedPoses, "with_part", stop_after_one)
     with pytest.raises(KeyboardInterrupt) as stopped:
         sample(journal=file)
     assert stopped.value.__notes__ == [f"the journal {file} holds the first 64 of 70 poses"]

@@ -86,14 +86,14 @@ class Results:
         for name, result in self.found.items():
             place = declarations()[name].causes
             if place and not isinstance(result, Missing):
-                ranked: list[CauseShare] = declarations()[name].output(place)(self.causes, result.poses[0], vector)
-                return ranked
+                shares: list[CauseShare] = declarations()[name].output(place)(self.causes, result.poses[0], vector)
+                return shares
         return []
 
-    def errors_with(self, most: int) -> Callable[[Iterable[Cause]], Array]:
+    def errors_with(self, most_samples: int) -> Callable[[Iterable[Cause]], Array]:
         """Return a function from causes to the errors ``(6, n)`` of the first robots with these tolerances halved."""
         space, layout = self.at.space, sampler.to_arrays(self.at)
-        x = space.sample(self.analysis.seed, 0, min(self.analysis.samples, most))
+        x = space.sample(self.analysis.seed, 0, min(self.analysis.samples, most_samples))
         columns = dict(zip((draw.name for draw in space.draws), space.slices, strict=True))
         model: Literal["exact", "linear"] = "exact" if self.analysis.model == "exact" else "linear"
 
@@ -109,9 +109,9 @@ class Results:
     def folders(self) -> tuple[str, ...]:
         """Local folders, which a report does not name."""
         files = (self.sheet.file, self.model.chain.robot.file)
-        near = [folder for file in files for folder in (os.path.dirname(file), os.path.dirname(os.path.realpath(file)))]
-        known = [*near, *self.package_dirs, os.getcwd(), os.path.expanduser("~")]
-        absolute = {os.path.abspath(folder) for folder in known} | {folder for folder in known if folder}
+        dirs = [folder for path in files for folder in (os.path.dirname(path), os.path.dirname(os.path.realpath(path)))]
+        candidates = [*dirs, *self.package_dirs, os.getcwd(), os.path.expanduser("~")]
+        absolute = {os.path.abspath(folder) for folder in candidates} | {folder for folder in candidates if folder}
         return tuple(sorted(absolute - {os.curdir, os.sep}, key=lambda folder: (-len(folder), folder)))
 
 
@@ -149,26 +149,26 @@ def collect(
             error_model, pose, samples=samples, seed=seed, model=model, specifications=specifications,
             findings=sheet.findings, progress=progress,
         )  # fmt: skip
-    at = error_model.at(pose)
-    found: dict[str, Result | Missing] = {}
+    pose_model = error_model.at(pose)
+    results: dict[str, Result | Missing] = {}
     settings: dict[str, Any] = {"samples": samples, "specifications": tuple(specifications)}
-    for name in _asked(specifications):
+    for name in _chapters(specifications):
         declaration = declarations()[name]
         arguments = {key: settings[key] for key in declaration.report_settings}
         with step(declaration.heading.lower(), declaration.count_steps(error_model.space, 1, arguments)) as progress:
             common = {**arguments, "findings": sheet.findings, "progress": progress}
-            found[name] = _tried(partial(declaration.run, error_model, [pose], seed=seed, **common))
+            results[name] = _try_analysis(partial(declaration.run, error_model, [pose], seed=seed, **common))
     with step("MCPC parameters", 0):
-        geometry = _tried(lambda: mcpc.from_chain(error_model.chain))
-    x = at.space.sample(seed, 0, min(samples, CLOUD))
+        geometry = _try_analysis(lambda: mcpc.from_chain(error_model.chain))
+    x = pose_model.space.sample(seed, 0, min(samples, CLOUD))
     return Results(
         sheet=sheet,
         model=error_model,
-        at=at,
+        at=pose_model,
         analysis=analysis,
-        found=found,
+        found=results,
         mcpc=geometry,
-        cloud=at.linear(x) if model == "linear" else at.exact(x),
+        cloud=pose_model.linear(x) if model == "linear" else pose_model.exact(x),
         command=tuple(command),
         package_dirs=tuple(package_dirs),
         digests=tuple(_digest(file) for file in (error_model.chain.robot.file, sheet.file)),
@@ -189,32 +189,32 @@ def collect_poses(sheet: Sheet, poses: Sequence[Pose], *, step: Step, **settings
             return step
         return lambda what, count: step(f"{what}, pose {visible(label)}", count)
 
-    found = [collect(sheet, pose, step=named(pose), error_model=error_model, **settings) for pose in poses]
-    ordered = sorted(found, key=_goodness)
-    return [ordered[0], *(replace(one, prefix=f"pose{k}-") for k, one in enumerate(ordered[1:], start=2))]
+    all_results = [collect(sheet, pose, step=named(pose), error_model=error_model, **settings) for pose in poses]
+    ranking = sorted(all_results, key=_goodness)
+    return [ranking[0], *(replace(results, prefix=f"pose{k}-") for k, results in enumerate(ranking[1:], start=2))]
 
 
 def _goodness(results: Results) -> tuple[int, float, float]:
     """Return the sort key of a pose: specifications missed, smallest margin, then the error; the worst sorts first."""
-    given = results.analysis.summary.specifications
+    verdicts = results.analysis.summary.specifications
     norm = results.analysis.position.norm
     size = norm.resolved_quantile(0.95)
-    spare = min((result.probability - result.required for result in given), default=0.0)
-    return (-sum(not result.met for result in given), spare, -(norm.max if size is None else size))
+    spare = min((result.probability - result.required for result in verdicts), default=0.0)
+    return (-sum(not result.met for result in verdicts), spare, -(norm.max if size is None else size))
 
 
 def count_steps(specifications: Sequence[Specification], poses: int = 1) -> int:
     """Return the number of steps of a report: sampling, other analyses, the chain's parameters, and the page."""
-    return (len(_asked(specifications)) + 2) * poses + 1
+    return (len(_chapters(specifications)) + 2) * poses + 1
 
 
-def _asked(specifications: Sequence[Specification]) -> list[str]:
+def _chapters(specifications: Sequence[Specification]) -> list[str]:
     """Return the names of the analyses in a report; those that judge specifications need some."""
-    shown = {name: one for name, one in declarations().items() if one.heading}
-    return [name for name, one in shown.items() if specifications or "specifications" not in one.report_settings]
+    chapters = {name: entry for name, entry in declarations().items() if entry.heading}
+    return [name for name, entry in chapters.items() if specifications or "specifications" not in entry.report_settings]
 
 
-def _tried(analysis: Callable[[], Found]) -> Found | Missing:
+def _try_analysis(analysis: Callable[[], Found]) -> Found | Missing:
     try:
         return analysis()
     except InputError as error:
@@ -318,40 +318,40 @@ def find_causes(model: ErrorModel) -> tuple[Cause, ...]:
 
     A source's own draws (bearings of an axis, a phase) that share a law, or have no tolerance, are one cause.
     """
-    own = {
+    names = {
         draw.name: label
         for source, label in zip(model.sources, model.labels, strict=True)
         for draw in source.own_draws(label)
     }
     groups: dict[object, list[tuple[Draw, str]]] = {}
     first_of: dict[str, object] = {}
-    for draw, words, owners in zip(model.space.draws, model.draw_words, model.owners, strict=True):
-        label = own.get(draw.name)
+    for draw, description, owners in zip(model.space.draws, model.draw_words, model.owners, strict=True):
+        label = names.get(draw.name)
         key: object = draw.name
         if label is not None:
             tolerance = draw.tolerance
             key = (label, draw.law, draw.scope) if tolerance else first_of.get(label, draw.name)
         if len(owners) == 1:
             first_of.setdefault(owners[0], key)
-        groups.setdefault(key, []).append((draw, words))
+        groups.setdefault(key, []).append((draw, description))
     return tuple(_cause(members) for members in groups.values())
 
 
 def _cause(members: Sequence[tuple[Draw, str]]) -> Cause:
-    draw, words = members[0]
-    parts = tuple(Part(draw.name, words) for draw, words in members)
+    draw, description = members[0]
+    parts = tuple(Part(draw.name, description) for draw, description in members)
     # the two bearings of an axis merge into the axis, an amplitude and its phase into the amplitude
     stems = {text.rpartition(",")[0] for _, text in members}
     name = stems.pop() if len(members) > 1 and len(stems) == 1 else ""
-    return Cause(name or words, draw.tolerance, draw.scope.value, parts)
+    return Cause(name or description, draw.tolerance, draw.scope.value, parts)
 
 
 def sum_by_cause(causes: Sequence[Cause], values: Mapping[str, float]) -> list[tuple[str, float]]:
     """Return the values of draws summed by cause, as text, largest first."""
-    of = {name: cause.text for cause in causes for name in cause.names}
+    text_of = {name: cause.text for cause in causes for name in cause.names}
     sums: dict[str, float] = {}
     for names, value in values.items():
-        known = [of.get(name, name) for name in ([names] if names in of else names.split(", "))]
-        text = " and ".join(dict.fromkeys(known))
+        cause_texts = [text_of.get(name, name) for name in ([names] if names in text_of else names.split(", "))]
+        text = " and ".join(dict.fromkeys(cause_texts))
         sums[text] = sums.get(text, 0.0) + value
     return sorted(sums.items(), key=lambda entry: -round(abs(entry[1]), 15))

@@ -98,7 +98,7 @@ class Asked(NamedTuple):
 
 
 class Files(NamedTuple):
-    """Files written beside the result: figures by name, texts by file name, and how a note lists the figures."""
+    """Files written with the result: figures by name, texts by file name, and how a note lists the figures."""
 
     figures: Mapping[str, Any] = {}
     texts: Mapping[str, str] = {}
@@ -106,7 +106,7 @@ class Files(NamedTuple):
 
 
 class Job(NamedTuple):
-    """What a command runs and writes, made by the function ``prepare`` of a declaration.
+    """Work and outputs of a command, returned by the function ``prepare`` of a declaration.
 
     Attributes:
         run: Returns the result; takes ``progress`` if there are steps, and the settings of ``workers``.
@@ -114,7 +114,7 @@ class Job(NamedTuple):
         steps, what, unit: Number of progress steps, None for no progress bar; its label and unit.
         is_unwound: True if a signal raises KeyboardInterrupt in the analysis instead of ending the process.
         note: Line printed before the run.
-        stem: Name of the files; by default that of the command.
+        stem: Name of the files (default: the command's).
         table: Renders the result as text; by default the declared table.
         files: Returns further files for the output folder; by default the figure.
         write, is_written_first: Writes other options' files and returns notes; whether before the result is printed.
@@ -139,7 +139,7 @@ class Job(NamedTuple):
 
 
 class PagePart(NamedTuple):
-    """What an analysis shows on a page beside the poses: a chapter of the report and a layer of the view.
+    """Parts of an analysis on a page, next to the poses: a chapter of the report and a layer of the view.
 
     Attributes:
         option: Option of ``report`` that asks for it, and of ``view`` if it has a layer.
@@ -148,7 +148,7 @@ class PagePart(NamedTuple):
             option names, as for ``--grid`` or also for ``--trajectory``; empty if it takes none.
         settings: Returns values of the analysis's options for the value of this option; the others have their defaults.
         check: Rejects a sheet that the analysis cannot use before any long work.
-        what: Label of the progress; by default that of the job.
+        what: Label of the progress (default: the job's).
         is_first: True if the analysis runs before the poses are sampled.
         chapter: ``module:function`` in the folder; takes the result, returns the :class:`precision_pin.render.scene.Chapter`.
         layer: ``module:Class`` in the folder; its method ``of`` takes the result and the model.
@@ -186,7 +186,7 @@ class Declaration(NamedTuple):
         steps: ``module:function(space, poses, **arguments)`` for the progress steps; by default all samples.
         has_warnings_in_table: True if the table includes the warnings, so that the command does not print them again.
         group: Heading in the list of commands.
-        prepare: Returns what the command runs for its inputs; by default ``function`` at the poses of the command line.
+        prepare: Returns the job for the inputs; by default ``function`` at the poses of the command line.
         check: Rejects options that contradict each other before any input is read; may change them.
         sheets: Returns, by name, the options with which each sheet is read; by default one sheet.
         arguments, data_suffixes: Command's arguments and their help; suffixes of those that are neither robot nor
@@ -195,7 +195,7 @@ class Declaration(NamedTuple):
         files: Patterns of the names of files in a folder.
         is_sampled: True if the command samples, so that compilation may start while the inputs are read.
         table_name: Name of the function in ``table``, or ``module:name`` in the folder.
-        part: Chapter of the report and layer of the view beside the poses.
+        part: Chapter of the report and layer of the view, next to the poses.
         causes: ``module:function`` in the folder that ranks the causes of the error for the report's first page; takes
             the result of one pose, the causes and a vector.
         keys: Keys of the sheet that belong to the analysis, with their descriptions.
@@ -239,8 +239,8 @@ class Declaration(NamedTuple):
 
     def run(self, model: Any, pose: Any, *, seed: int | None, **arguments: Any) -> Any:
         """Run the analysis and return its result; one without the option ``seed`` draws nothing and takes none."""
-        drawn = {"seed": seed} if "seed" in self.options else {}
-        return load(self.function)(model, pose=pose, **drawn, **arguments)
+        seed_argument = {"seed": seed} if "seed" in self.options else {}
+        return load(self.function)(model, pose=pose, **seed_argument, **arguments)
 
     @property
     def outputs(self) -> str:
@@ -250,10 +250,10 @@ class Declaration(NamedTuple):
     def count_steps(self, space: Any, poses: int, arguments: Mapping[str, Any]) -> int:
         """Return the number of progress steps, with default values for missing arguments."""
         defaults = {option.argument: option.default for option in self.own_options if not option.is_of_table}
-        known = {**defaults, **{key: value for key, value in arguments.items() if key in defaults}}
+        settings = {**defaults, **{key: value for key, value in arguments.items() if key in defaults}}
         if self.steps:
-            return max(int(load(self.steps)(space, poses, **known)), 0)
-        return max(int(known.get("samples") or 0) * poses, 0)
+            return max(int(load(self.steps)(space, poses, **settings)), 0)
+        return max(int(settings.get("samples") or 0) * poses, 0)
 
     def output(self, place: str) -> Any:
         """Import and return ``module:name`` of the folder."""

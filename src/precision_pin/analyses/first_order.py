@@ -11,7 +11,7 @@ draws' deviations x_c, and ``Q = |v|²``. The closed form takes v as normal. For
   their variance, any law within an interval of length r with r²/4 (Hoeffding, JASA 58, 1963). Then E exp(t Q) is at
   most that of a normal vector with these variances, and the probability beyond x at most its least exp(K(t) - t x).
 - |v| is at most ``|m| + Σ |j_c| max |x_c|``.
-- Replacing the draws that are not normal by normal ones, one at a time (Lindeberg), beside a normal part with
+- Replacing the draws that are not normal by normal ones, one at a time (Lindeberg), next to a normal part with
   covariance G, changes the probability of any set by at most ``Σ c_3/6 E|x|³ b³ + c_4/24 (E x⁴ + 3 σ⁴) b⁴``, b the
   length of j_c in the metric of G⁻¹ and c_k = E|He_k(Z)|/2, the largest k-th derivative of a normal probability along a
   unit vector.
@@ -111,14 +111,14 @@ def first_order(
         InputError: An error is too large to compute with.
     """
     space = error_model.space
-    whole, own = space.block_covariance, shared_covariance(space)
+    covariances, common = space.block_covariance, shared_covariance(space)
     at_reference = None if reference is None else reference.tangent
     parts: list[FirstOrder] = []
     shapes = LawShapes.of(space) if vectors else None
     begin = 0
     for chunk in tangents(error_model.at_columns(values, approaches)):
         poses = chunk.error.shape[1]
-        spread = times_each(whole, chunk.jacobian)
+        spread = times_each(covariances, chunk.jacobian)
         covariance = np.einsum("idp,djp->ijp", chunk.jacobian, spread)
         by_component = np.einsum("idp,dip->dp", chunk.jacobian[:3], spread[:, :3])
         total = np.einsum("iip->p", covariance[:3, :3])
@@ -128,13 +128,13 @@ def first_order(
         if at_reference is not None and reference is not None:
             error, jacobian = at_reference
             relative_mean = chunk.error - error[:, None]
-            between = np.einsum("idp,dj->ijp", chunk.jacobian, own.times(jacobian.T))
-            relative_covariance = covariance + whole.between(jacobian, jacobian)[:, :, None]
+            between = np.einsum("idp,dj->ijp", chunk.jacobian, common.times(jacobian.T))
+            relative_covariance = covariance + covariances.between(jacobian, jacobian)[:, :, None]
             relative_covariance -= between + between.swapaxes(0, 1)
-            same = (values[:, begin : begin + poses] == reference.posture.q[:, None]).all(axis=0)
-            if same.any():
+            is_same = (values[:, begin : begin + poses] == reference.posture.q[:, None]).all(axis=0)
+            if is_same.any():
                 # draws of pose scope are shared too; the approach may differ, and with it the derivatives
-                relative_covariance[:, :, same] = _at_the_same_pose(space, chunk.jacobian[:, :, same], jacobian)
+                relative_covariance[:, :, is_same] = _local_covariance(space, chunk.jacobian[:, :, is_same], jacobian)
         bounded: tuple[Vectors, ...] = ()
         if shapes is not None:
             remainders = shapes.remainders(chunk)
@@ -143,9 +143,9 @@ def first_order(
         begin += poses
         step(poses)
     fields = ("mean", "covariance", "shares", "relative_mean", "relative_covariance")
-    joined = tuple(map(Vectors.joined, zip(*(part.vectors for part in parts), strict=True)))
+    bounds = tuple(map(Vectors.joined, zip(*(part.vectors for part in parts), strict=True)))
     arrays = {name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in fields}
-    return FirstOrder(vectors=joined, **arrays)
+    return FirstOrder(vectors=bounds, **arrays)
 
 
 def _part(line: SourceLine, jacobian: Array, by_component: Array) -> Array:
@@ -157,14 +157,14 @@ def _part(line: SourceLine, jacobian: Array, by_component: Array) -> Array:
     return part
 
 
-def _at_the_same_pose(space: Space, jacobian: Array, reference: Array) -> Array:
+def _local_covariance(space: Space, jacobian: Array, reference: Array) -> Array:
     """Return the covariance of the error minus that of the reference at its joint values, ``(6, 6, P)``."""
-    kept, anew = shared_covariance(space, (Scope.UNIT, Scope.POSE)), shared_covariance(space, (Scope.VISIT,))
+    shared, per_visit = shared_covariance(space, (Scope.UNIT, Scope.POSE)), shared_covariance(space, (Scope.VISIT,))
     change = jacobian - reference[:, :, None]
-    own = np.einsum("idp,djp->ijp", change, times_each(kept, change)) + np.einsum(
-        "idp,djp->ijp", jacobian, times_each(anew, jacobian)
+    covariance = np.einsum("idp,djp->ijp", change, times_each(shared, change)) + np.einsum(
+        "idp,djp->ijp", jacobian, times_each(per_visit, jacobian)
     )
-    return own + anew.between(reference, reference)[:, :, None]
+    return covariance + per_visit.between(reference, reference)[:, :, None]
 
 
 def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int8] | None) -> Array:
@@ -201,15 +201,15 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
     flat = slopes.reshape(6 * count, -1)
     space = error_model.space
     result = shared_covariance(space).between(flat, flat).reshape(count, 6, count, 6)
-    for pose, own in enumerate(slopes):
-        result[pose, :, pose] = space.block_covariance.between(own, own)
+    for pose, pose_slopes in enumerate(slopes):
+        result[pose, :, pose] = space.block_covariance.between(pose_slopes, pose_slopes)
     return result
 
 
 _SCORES: Final = np.linspace(-FARTHEST_NORMAL, FARTHEST_NORMAL, 4001)
 _WEIGHTS: Final = np.exp(-(_SCORES**2) / 2) / np.exp(-(_SCORES**2) / 2).sum()
-_NORMAL_EIGHTH: Final = 105 ** (1 / 8)
-_FLAT: Final = 1e-12
+_NORMAL_EIGHTH: Final = 105 ** (1 / 8)  # root of the eighth moment of a standard normal variable
+_FLAT: Final = 1e-12  # relative variance below which a direction counts as constant: rounding
 
 # terms, components and the derivative of the product of one with respect to the other
 _Slopes = tuple[NDArray[np.intp], NDArray[np.intp], Array]
@@ -251,97 +251,97 @@ class LawShapes(Fixed):
         """Return the moments of the draws of a space."""
         correlated = {name: group.names for group in space.correlations for name in group.names}
         laws = {draw.name: draw.law for draw in space.draws}
-        whole = space.block_covariance
+        covariances = space.block_covariance
         arrays = np.zeros((7, space.size))
         normal, proxies = np.zeros(space.size), np.ones(space.size)
         groups, chaos = np.zeros(space.size, dtype=np.intp), 3.0
         numbers: dict[tuple[str, ...], int] = {}
         for draw, columns in zip(space.draws, space.slices, strict=True):
             law, group = draw.law, correlated.get(draw.name, ())
-            many = len(group) or law.size
+            count = len(group) or law.size
             is_normal = all(laws[name].is_normal for name in group or (draw.name,))
             # laws of several numbers with light tails are symmetric about their mean, and elliptic
-            light = is_normal or (law.cumulants() is None and not group)
-            ends = np.array([law.interval(k) for k in range(law.size)])
-            far = np.abs(ends - law.mean_vector[:, None]).max(axis=1)
+            is_light = is_normal or (law.cumulants() is None and not group)
+            intervals = np.array([law.interval(k) for k in range(law.size)])
+            farthest_values = np.abs(intervals - law.mean_vector[:, None]).max(axis=1)
             variance = np.diag(law.covariance).clip(0.0)
-            third, fourth, eighth = _moments(law, np.sqrt(variance), far)
-            absolute = np.zeros_like(third) if light else many**2 * np.sqrt(variance * fourth)
+            third, fourth, eighth = _moments(law, np.sqrt(variance), farthest_values)
+            absolute = np.zeros_like(third) if is_light else count**2 * np.sqrt(variance * fourth)
             arrays[:, columns] = (
                 (third, fourth - 3 * variance**2, 0 * third, np.abs(third))
-                if many == 1
-                else (0 * third, (not light) * many**3 * fourth, absolute, absolute)
-            ) + ((not is_normal) * many**3 * (fourth + 3 * variance**2), eighth, far)
+                if count == 1
+                else (0 * third, (not is_light) * count**3 * fourth, absolute, absolute)
+            ) + ((not is_normal) * count**3 * (fourth + 3 * variance**2), eighth, farthest_values)
             normal[columns] = is_normal
             groups[columns] = numbers.setdefault(group or (draw.name,), len(numbers))
             kurtosis = float((fourth / np.where(variance > 0, variance, 1.0) ** 2).max(initial=0.0))
-            if not (light or (many == 1 and kurtosis <= 9 and (np.abs(third) <= 1e-9 * variance**1.5).all())):
-                chaos = max(chaos, 12 * many**2 * np.sqrt(kurtosis))
-            if not light:
-                spans = (ends[:, 1] - ends[:, 0]) ** 2 / 4
-                proxies[columns] = many * np.maximum(spans / np.where(variance > 0, variance, spans + 1e-300), 1.0)
-        kept = tuple((columns, block) for columns, block in whole.blocks if (proxies[columns] == 1).all())
-        proxy = BlockCovariance(whole.variances * proxies, kept) if (proxies > 1).any() else whole
-        third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest = arrays
-        moments = third, cumulant, together, replaced_third, replaced_fourth, eighth, farthest
-        return cls(space, whole.scaled(normal), proxy, *moments, groups, chaos)
+            if not (is_light or (count == 1 and kurtosis <= 9 and (np.abs(third) <= 1e-9 * variance**1.5).all())):
+                chaos = max(chaos, 12 * count**2 * np.sqrt(kurtosis))
+            if not is_light:
+                spans = (intervals[:, 1] - intervals[:, 0]) ** 2 / 4
+                proxies[columns] = count * np.maximum(spans / np.where(variance > 0, variance, spans + 1e-300), 1.0)
+        blocks = tuple((columns, block) for columns, block in covariances.blocks if (proxies[columns] == 1).all())
+        proxy = BlockCovariance(covariances.variances * proxies, blocks) if (proxies > 1).any() else covariances
+        third, cumulant, joint_moments, replaced_third, replaced_fourth, eighth, farthest = arrays
+        moments = third, cumulant, joint_moments, replaced_third, replaced_fourth, eighth, farthest
+        return cls(space, covariances.scaled(normal), proxy, *moments, groups, chaos)
 
     @property
     def is_normal(self) -> bool:
         """Whether sums of all numbers are normal."""
         return not self.replaced_fourth.any()
 
-    def _beyond(self, table: TermTable) -> tuple[_Slopes, Array, Array]:
+    def _curvature(self, table: TermTable) -> tuple[_Slopes, Array, Array]:
         """Return the products' slopes, and the roots of the 8th and 4th moments beyond first order, ``(T,)``."""
-        known = self._products.get(id(table.program))
-        if known is not None:
-            return known[1:]
+        cached = self._products.get(id(table.program))
+        if cached is not None:
+            return cached[1:]
         mean = self.space.mean[:, None]
         change = self.space.sample(0, 0, min(4096, max(256, 2**22 // max(len(mean), 1)))) - mean
-        beyond = table.products(table.program.evaluate(change + mean))
-        beyond = beyond - table.products(table.program.evaluate(mean))
+        curvature = table.products(table.program.evaluate(change + mean))
+        curvature = curvature - table.products(table.program.evaluate(mean))
         slopes = table.product_slopes(self.space.mean)
         for term, component, slope in zip(*slopes, strict=True):
-            beyond[term] -= slope * change[component]
-        scale = np.maximum(np.abs(beyond).max(axis=1, initial=0.0), 1e-300)
-        eighth, fourth = (scale * ((beyond / scale[:, None]) ** k).mean(axis=1) ** (1 / k) for k in (8, 4))
+            curvature[term] -= slope * change[component]
+        scale = np.maximum(np.abs(curvature).max(axis=1, initial=0.0), 1e-300)
+        eighth, fourth = (scale * ((curvature / scale[:, None]) ** k).mean(axis=1) ** (1 / k) for k in (8, 4))
         self._products[id(table.program)] = table, slopes, eighth, fourth
         return slopes, eighth, fourth
 
     def remainders(self, chunk: Tangents) -> Array:
         """Return bounds ``(2, P)`` of the root of the fourth moment of the remainders of position and attitude."""
-        (terms, components, slopes), eighth, fourth = self._beyond(chunk.table)
+        (terms, components, slopes), eighth, fourth = self._curvature(chunk.table)
         # few of the products of draws and terms are nonzero
         turn, move = (_sums(np.abs(slopes)[:, None] * arms[terms], components, len(self.groups)) for arms in chunk.arms)
         variance = self.space.block_covariance.variances
         count = int(self.groups.max(initial=-1)) + 1
         turns, moves = (_sums(self.eighth[:, None] * of, self.groups, count) for of in (turn, move))
         all_turns = turns.sum(axis=0) + eighth @ chunk.arms[0]
-        found = []
+        bounds = []
         for arm, by_group, of in ((move, moves, chunk.arms[1]), (turn, turns, chunk.arms[0])):
-            every = by_group.sum(axis=0) + eighth @ of
+            total = by_group.sum(axis=0) + eighth @ of
             pairs = np.sqrt((variance @ turn**2) * (variance @ arm**2) + (variance @ (turn * arm)) ** 2)
-            beyond = every * (all_turns**2 + eighth @ chunk.arms[0])
-            second = self.chaos * pairs + (turns * by_group).sum(axis=0) + beyond
-            found.append(np.minimum(second, all_turns * every) + fourth @ of)
-        return np.stack(found)
+            cubic = total * (all_turns**2 + eighth @ chunk.arms[0])
+            second = self.chaos * pairs + (turns * by_group).sum(axis=0) + cubic
+            bounds.append(np.minimum(second, all_turns * total) + fourth @ of)
+        return np.stack(bounds)
 
     def vectors(self, chunk: Tangents, covariance: Array, remainders: Array, rows: tuple[int, ...]) -> Vectors:
         """Return position (rows 0, 1, 2), attitude (3, 4, 5) or one component (one row) at the poses of a chunk."""
-        chosen = list(rows)
-        jacobian, mean = chunk.jacobian[chosen], chunk.error[chosen]
-        own = covariance[np.ix_(chosen, chosen)]
+        row_list = list(rows)
+        jacobian, mean = chunk.jacobian[row_list], chunk.error[row_list]
+        block = covariance[np.ix_(row_list, row_list)]
         lengths = np.sqrt((jacobian**2).sum(axis=0))
         squares = lengths**2
-        along = np.einsum("kdp,kp->dp", jacobian, mean)
+        gradient = np.einsum("kdp,kp->dp", jacobian, mean)
         size = np.sqrt((mean**2).sum(axis=0))
-        spread = 2 * (own**2).sum(axis=(0, 1)) + 4 * np.einsum("ip,ijp,jp->p", mean, own, mean)
-        spread += 4 * (self.third @ (along * squares)) + self.fourth_cumulant @ squares**2
+        spread = 2 * (block**2).sum(axis=(0, 1)) + 4 * np.einsum("ip,ijp,jp->p", mean, block, mean)
+        spread += 4 * (self.third @ (gradient * squares)) + self.fourth_cumulant @ squares**2
         spread += 4 * size * (self.together @ lengths**3)
         full, proxy = np.zeros((2, 3, 3, mean.shape[1]))
         first = np.ix_(range(len(rows)), range(len(rows)))
-        full[first] = own
-        proxy[first] = own if self.proxy is self.space.block_covariance else _between(self.proxy, jacobian)
+        full[first] = block
+        proxy[first] = block if self.proxy is self.space.block_covariance else _between(self.proxy, jacobian)
         middle = np.zeros((3, mean.shape[1]))
         middle[: len(rows)] = mean
         return Vectors(
@@ -349,22 +349,22 @@ class LawShapes(Fixed):
             covariance=full,
             proxy=proxy,
             square_spread=np.sqrt(np.maximum(spread, 0.0)),
-            replaced=np.zeros(len(size)) if self.is_normal else self._replaced(jacobian, own),
+            replaced=np.zeros(len(size)) if self.is_normal else self._normality_distance(jacobian, block),
             farthest=size + self.farthest @ lengths,
             remainder=remainders[int(rows[0] >= 3)],
         )
 
-    def _replaced(self, jacobian: Array, covariance: Array) -> Array:
+    def _normality_distance(self, jacobian: Array, covariance: Array) -> Array:
         """Return the largest change of a probability if the draws were normal, ``(P,)``."""
         values, vectors = np.linalg.eigh(np.moveaxis(_between(self.normal, jacobian), -1, 0))
-        least = _FLAT * np.maximum(np.einsum("iip->p", covariance), 1e-300)
+        threshold = _FLAT * np.maximum(np.einsum("iip->p", covariance), 1e-300)
         other = self.replaced_fourth > 0
-        turned = np.einsum("pik,idp->kdp", vectors, jacobian[:, other])
-        lengths = np.sqrt((turned**2 / np.maximum(values.T, least)[:, None]).sum(axis=0))
+        rotated = np.einsum("pik,idp->kdp", vectors, jacobian[:, other])
+        lengths = np.sqrt((rotated**2 / np.maximum(values.T, threshold)[:, None]).sum(axis=0))
         # c_3/6, rounded up: E|Z³ - 3Z|/2 = (1 + 4 exp(-3/2))/√(2π) = 0.75499
-        found = (0.7549 / 6) * (self.replaced_third[other] @ lengths**3)
-        found += (1.4008 / 24) * (self.replaced_fourth[other] @ lengths**4)
-        return np.minimum(found, 1.0)
+        distance = (0.7549 / 6) * (self.replaced_third[other] @ lengths**3)
+        distance += (1.4008 / 24) * (self.replaced_fourth[other] @ lengths**4)
+        return np.minimum(distance, 1.0)
 
 
 def _sums(rows: Array, numbers: NDArray[np.intp], count: int) -> Array:
@@ -393,11 +393,11 @@ def _moments(law: Law, std: Array, far: Array) -> tuple[Array, Array, Array]:
     eighth = (far**6 * std**2) ** (1 / 8)
     if law.is_normal:
         return 0 * std, 3 * std**4, _NORMAL_EIGHTH * std
-    known = law.standardised_moments() if law.size == 1 else None
-    if known is not None:
+    moments = law.standardised_moments() if law.size == 1 else None
+    if moments is not None:
         values = np.abs(law.at_scores(_SCORES[None])[0] - law.mean_vector[0]) / max(float(std[0]), 1e-300)
         eighth = np.minimum(eighth, 1.02 * std * float(_WEIGHTS @ values**8) ** (1 / 8))
-        return known[0] * std**3, known[1] * std**4, eighth
+        return moments[0] * std**3, moments[1] * std**4, eighth
     cumulants = law.cumulants()
     if cumulants is None:
         return 0 * std, 3 * std**4, np.minimum(eighth, _NORMAL_EIGHTH * std)
@@ -451,37 +451,37 @@ class Vectors(Fixed):
     def quantile_bounds(self, level: float, quantile: Array) -> Array:
         """Return bounds of the quantile of the length, ``(2, P)``, given the quantile of the normal law ``(P,)``."""
         # fraction of the tail beyond a quantile reserved for remainders
-        left = 0.05 * (1 - level)
-        beyond = self.remainder * left ** (-1 / 4)
-        above, below = level + left, level - left
+        tail = 0.05 * (1 - level)
+        margin = self.remainder * tail ** (-1 / 4)
+        above, below = level + tail, level - tail
         square, spread = self.square_mean, self.square_spread
         high = np.minimum(np.sqrt(square + spread * np.sqrt(above / (1 - above))), self.farthest)
         high = np.minimum(high, norm_tail_quantiles(*self._heavier, 1 - above))
         low = np.sqrt(np.maximum(square - spread * np.sqrt((1 - below) / below), 0.0))
-        near = self.replaced < 1 - above
-        if near.any():
-            axes, change = (self.axes[0][:, near], self.axes[1][:, near]), self.replaced[near]
-            start = level, quantile[near]
-            high[near] = np.minimum(high[near], norm_quantiles(*axes, above + change, start))
-            low[near] = np.maximum(low[near], norm_quantiles(*axes, np.maximum(below - change, 1e-6), start))
-        return np.stack([np.maximum(low - beyond, 0.0), high + beyond])
+        is_near = self.replaced < 1 - above
+        if is_near.any():
+            axes, change = (self.axes[0][:, is_near], self.axes[1][:, is_near]), self.replaced[is_near]
+            start = level, quantile[is_near]
+            high[is_near] = np.minimum(high[is_near], norm_quantiles(*axes, above + change, start))
+            low[is_near] = np.maximum(low[is_near], norm_quantiles(*axes, np.maximum(below - change, 1e-6), start))
+        return np.stack([np.maximum(low - margin, 0.0), high + margin])
 
     def share_bounds(self, limit: float) -> Array:
         """Return bounds of the probability that the length is at most ``limit``, ``(2, P)``."""
         low, high = np.zeros_like(self.farthest), np.ones_like(self.farthest)
         square, variance = self.square_mean, self.square_spread**2
         # probabilities left for a remainder beyond its bound
-        for left in (1e-2, 1e-3, 1e-4):
-            beyond = self.remainder * left ** (-1 / 4)
-            inner, outer = np.maximum(limit - beyond, 0.0), limit + beyond
-            room, lack = np.maximum(inner**2 - square, 0.0), np.maximum(square - outer**2, 0.0)
-            kept = np.where(room > 0, room**2 / np.maximum(variance + room**2, 1e-300), 0.0)
-            kept = np.maximum(kept, 1 - norm_tail_bounds(*self._heavier, inner))
-            kept = np.maximum(kept, norm_probabilities(*self.axes, inner) - self.replaced)
-            kept = np.where(self.farthest <= inner, 1.0, kept)
-            most = np.where(lack > 0, variance / np.maximum(variance + lack**2, 1e-300), 1.0)
-            most = np.minimum(most, norm_probabilities(*self.axes, outer) + self.replaced)
-            low, high = np.maximum(low, kept - left), np.minimum(high, most + left)
+        for tail in (1e-2, 1e-3, 1e-4):
+            margin = self.remainder * tail ** (-1 / 4)
+            inner, outer = np.maximum(limit - margin, 0.0), limit + margin
+            room, deficit = np.maximum(inner**2 - square, 0.0), np.maximum(square - outer**2, 0.0)
+            lower = np.where(room > 0, room**2 / np.maximum(variance + room**2, 1e-300), 0.0)
+            lower = np.maximum(lower, 1 - norm_tail_bounds(*self._heavier, inner))
+            lower = np.maximum(lower, norm_probabilities(*self.axes, inner) - self.replaced)
+            lower = np.where(self.farthest <= inner, 1.0, lower)
+            upper = np.where(deficit > 0, variance / np.maximum(variance + deficit**2, 1e-300), 1.0)
+            upper = np.minimum(upper, norm_probabilities(*self.axes, outer) + self.replaced)
+            low, high = np.maximum(low, lower - tail), np.minimum(high, upper + tail)
         return np.stack([low, high])
 
     def gamma_quantiles(self, level: float) -> tuple[Array, Array]:
@@ -491,14 +491,14 @@ class Vectors(Fixed):
         """
         normal = 2 * (self.covariance**2).sum(axis=(0, 1))
         normal += 4 * np.einsum("ip,ijp,jp->p", self.mean, self.covariance, self.mean)
-        found = []
+        quantiles = []
         for variance in (self.square_spread**2, normal):
             shape = self.square_mean**2 / np.maximum(variance, 1e-12 * self.square_mean**2 + 1e-300)
-            found.append(np.sqrt(special.gammaincinv(shape, level) / np.maximum(shape, 1e-300) * self.square_mean))
-        return found[0], found[1]
+            quantiles.append(np.sqrt(special.gammaincinv(shape, level) / np.maximum(shape, 1e-300) * self.square_mean))
+        return quantiles[0], quantiles[1]
 
 
-_NODES: Final = 32
+_NODES: Final = 32  # of half the path
 _STEP: Final = 0.15
 _PARAMETER: Final = (np.arange(_NODES) + 0.5)[:, None] * _STEP
 # distances of the nodes on half of the path from the real axis, ``(nodes, 1)``, in units of 1/√K''
@@ -506,14 +506,14 @@ _ACROSS: Final = np.sinh(_PARAMETER)
 _PATH_WEIGHTS: Final = np.cosh(_PARAMETER) * (_STEP / np.pi)
 # largest distance from the mean, in standard deviations of the vector, at which a probability is computed
 _FARTHEST: Final = 40.0
-_ROUNDS: Final = 3
+_ROUNDS: Final = 3  # Newton steps for a quantile, from the gamma approximation
 # relative step after which the next one is at rounding: convergence is quadratic
 _CLOSE: Final = 2e-5
-_ROUNDING: Final = 1e-28
+_ROUNDING: Final = 1e-28  # relative variance below which a vector counts as constant: squared rounding
 # largest |s| of an argument of K: there 1 - t/end is exp(-s)
 _FAR: Final = 60.0
-_MOST_STEPS: Final = 100
-_LAST_STEP: Final = 1e-6
+_MOST_STEPS: Final = 100  # of a root; bisection alone needs fewer
+_LAST_STEP: Final = 1e-6  # the next one would be as small as its square
 # vectors whose integrals are computed together, so that their arrays stay in the processor's cache
 _AT_ONCE: Final = 128
 
@@ -527,8 +527,8 @@ def principal_axes(mean: Array, covariance: Array) -> tuple[Array, Array]:
 def norm_probabilities(variances: Array, means: Array, radii: Array) -> Array:
     """Return P(|v| ≤ r), ``(P,)``, for vectors in principal axes ``(3, P)`` and radii ``(P,)``; errors below 1e-7."""
     law = _Law(variances, means)
-    found = law.evaluate(np.maximum(radii**2 - law.constant, 0.0))[0]
-    return np.where(law.still, (radii**2 >= law.constant).astype(float), found)
+    probabilities = law.evaluate(np.maximum(radii**2 - law.constant, 0.0))[0]
+    return np.where(law.still, (radii**2 >= law.constant).astype(float), probabilities)
 
 
 def norm_quantiles(
@@ -545,24 +545,24 @@ def norm_quantiles(
     if near is None:
         x *= spreads / squares
     else:
-        known = np.maximum(near[1] ** 2 - law.constant, 1e-3 * squares)
-        x *= known / special.gammaincinv(squares**2 / spreads, near[0])
-    score, going = special.ndtri(probability), np.ones(x.shape, dtype=np.bool_)
+        starts = np.maximum(near[1] ** 2 - law.constant, 1e-3 * squares)
+        x *= starts / special.gammaincinv(squares**2 / spreads, near[0])
+    score, is_moving = special.ndtri(probability), np.ones(x.shape, dtype=np.bool_)
     for _ in range(_ROUNDS):
-        found, density = law.evaluate(x)
-        scores = special.ndtri(np.clip(found, 1e-15, 1 - 1e-15))
+        probabilities, density = law.evaluate(x)
+        scores = special.ndtri(np.clip(probabilities, 1e-15, 1 - 1e-15))
         slopes = np.maximum(density, 1e-300) * np.sqrt(2 * np.pi) * np.exp(scores**2 / 2)
         # the score is nearly linear in the logarithm of x far in the tails
-        change = np.where(going, np.clip((score - scores) / (slopes * x), -1.0, 1.0), 0.0)
+        change = np.where(is_moving, np.clip((score - scores) / (slopes * x), -1.0, 1.0), 0.0)
         x = x * np.exp(change)
-        going = np.abs(change) >= _CLOSE
-        if not going.any():
+        is_moving = np.abs(change) >= _CLOSE
+        if not is_moving.any():
             break
     return np.sqrt(np.where(law.still, 0.0, x) + law.constant)
 
 
 def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
-    """Return the least exp(K(t) - t r²), a bound of P(|v| > r), ``(P,)``; arguments as for `norm_probabilities`."""
+    """Return min exp(K(t) - t r²), a bound of P(|v| > r), ``(P,)``; arguments as for `norm_probabilities`."""
     law = _Law(variances, means)
     x = np.minimum(radii**2 - law.constant, law.farthest)
     t = np.maximum(law.saddle(x), 0.0)
@@ -572,13 +572,13 @@ def norm_tail_bounds(variances: Array, means: Array, radii: Array) -> Array:
 def norm_tail_quantiles(variances: Array, means: Array, tail: float) -> Array:
     """Return the length beyond which the bound of `norm_tail_bounds` is ``tail``, ``(P,)``."""
     law = _Law(variances, means)
-    wanted = -np.log(tail)
+    target = -np.log(tail)
 
     def excess(s: Array) -> tuple[Array, Array]:
         t = law.argument(s)
         first, second = law.derivatives(t)
-        below = np.maximum(t * first - law.exponent(t), 1e-300)
-        return np.log(below / wanted), t * second * (law.end - t) / below
+        exponent = np.maximum(t * first - law.exponent(t), 1e-300)
+        return np.log(exponent / target), t * second * (law.end - t) / exponent
 
     t = law.argument(_root(excess, np.full(means.shape[1], 1.0), 0.0, _FAR))
     return np.sqrt(np.where(law.still, 0.0, law.derivatives(t)[0]) + law.constant)
@@ -613,8 +613,8 @@ class _Law:
         self._squares = np.where(self.still | flat, 0.0, squares)
         self.end = 1 / (2 * self._variances.max(axis=0))
         # farther out the probability vanishes, and the saddle is indistinguishable from the pole
-        most = np.sqrt(self._squares.sum(axis=0)) + _FARTHEST * np.sqrt(self._variances.sum(axis=0))
-        self.farthest = most**2
+        radius = np.sqrt(self._squares.sum(axis=0)) + _FARTHEST * np.sqrt(self._variances.sum(axis=0))
+        self.farthest = radius**2
 
     @property
     def moments(self) -> tuple[Array, Array]:
@@ -626,21 +626,21 @@ class _Law:
         """Return probability and density at ``x`` ``(P,)``."""
         x = np.minimum(x, self.farthest)
         saddle = self._crossing(x)
-        density, beyond = np.empty((2, len(x)))
+        density, tail = np.empty((2, len(x)))
         for first in range(0, len(x), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             path, values = self._integrand(x, saddle, part)
             density[part] = values.imag.sum(axis=0)
-            beyond[part] = (values / path).imag.sum(axis=0)
-        probability: Array = np.clip(np.where(saddle[0] > 0, 1 - beyond, -beyond), 0.0, 1.0)
+            tail[part] = (values / path).imag.sum(axis=0)
+        probability: Array = np.clip(np.where(saddle[0] > 0, 1 - tail, -tail), 0.0, 1.0)
         return probability, density
 
     def variance_slopes(self, x: Array, means: Array) -> Array:
         """Return the derivative of the quantile ``x`` by the covariance in principal axes, ``(3, 3, P)``."""
         path, values = self._integrand(x, self._crossing(x), slice(None))
-        wide = 1 / (1 - 2 * self._variances[:, None] * path)
-        turned = means[:, None] * wide
-        rates = 2 * path * turned[:, None] * turned[None] + np.eye(3)[:, :, None, None] * wide
+        widths = 1 / (1 - 2 * self._variances[:, None] * path)
+        scaled_means = means[:, None] * widths
+        rates = 2 * path * scaled_means[:, None] * scaled_means[None] + np.eye(3)[:, :, None, None] * widths
         return np.asarray((values * rates).imag.sum(axis=2) / values.imag.sum(axis=0))
 
     def _integrand(
@@ -656,7 +656,7 @@ class _Law:
         path.real, path.imag = crossing + width * bend * _ACROSS**2 * flattening, width * _ACROSS
         rates.real = width * bend * _ACROSS * _PATH_WEIGHTS * flattening * (1 + flattening**2)
         rates.imag = width * _PATH_WEIGHTS
-        return path, self._transformed(path, x[part], part) * rates
+        return path, self._transform(path, x[part], part) * rates
 
     def argument(self, s: Array) -> Array:
         """Return the argument of K at which K' increases with s, from 0 to infinity."""
@@ -664,53 +664,53 @@ class _Law:
 
     def saddle(self, x: Array) -> Array:
         """Return the argument at which the derivative of K is x, ``(P,)``."""
-        least = self.derivatives(self.argument(np.full(x.shape, -_FAR)))[0]
-        wanted = np.log(np.maximum(x, least))
+        smallest = self.derivatives(self.argument(np.full(x.shape, -_FAR)))[0]
+        target = np.log(np.maximum(x, smallest))
 
         def excess(s: Array) -> tuple[Array, Array]:
             t = self.argument(s)
             first, second = self.derivatives(t)
-            return np.log(first) - wanted, second * (self.end - t) / first
+            return np.log(first) - target, second * (self.end - t) / first
 
         # with equal variances and no means this is the solution
-        start = wanted - np.log(self.derivatives(np.zeros(x.shape))[0])
+        start = target - np.log(self.derivatives(np.zeros(x.shape))[0])
         return self.argument(_root(excess, np.clip(start, -_FAR, _FAR), -_FAR, _FAR))
 
     def _crossing(self, x: Array) -> tuple[Array, Array, Array]:
         """Return where the path crosses the real axis, and the second and third derivative of K there."""
         t = self.saddle(x)
         # smallest distance of the path from the pole, in units of 1/√K''
-        away = 1.0 / np.sqrt(self.derivatives(t)[1])
-        left = (t < 0) | (2 * away > self.end)
-        t = np.where(np.abs(t) >= away, t, np.where(left, -away, away))
+        distance = 1.0 / np.sqrt(self.derivatives(t)[1])
+        is_left = (t < 0) | (2 * distance > self.end)
+        t = np.where(np.abs(t) >= distance, t, np.where(is_left, -distance, distance))
         return t, self.derivatives(t)[1], self.third_derivative(t)
 
-    def _transformed(self, t: NDArray[np.complex128], x: Array, part: slice) -> NDArray[np.complex128]:
+    def _transform(self, t: NDArray[np.complex128], x: Array, part: slice) -> NDArray[np.complex128]:
         """Return exp(K(t) - t x) at ``t`` ``(nodes, P)`` in the upper half plane."""
-        left = 1 - 2 * self._variances[:, None, part] * t
-        pair = left[0] * left[1]
-        product = pair * left[2]
+        factors = 1 - 2 * self._variances[:, None, part] * t
+        pair = factors[0] * factors[1]
+        product = pair * factors[2]
         # each factor turns by 0 to -π, so the partial products give the branch of the square root; logarithms are
         # slower
         root = np.where((pair.imag > 0) | (product.imag > 0), -1.0, 1.0) * np.sqrt(product)
-        return np.exp((self._squares[:, None, part] * t / left).sum(axis=0) - t * x) / root
+        return np.exp((self._squares[:, None, part] * t / factors).sum(axis=0) - t * x) / root
 
     def exponent(self, t: Array) -> Array:
         """Return K at real ``t`` ``(P,)`` below its end."""
-        left = 1 - 2 * self._variances * t
-        return (self._squares * t / left - np.log(left) / 2).sum(axis=0)
+        factors = 1 - 2 * self._variances * t
+        return (self._squares * t / factors - np.log(factors) / 2).sum(axis=0)
 
     def derivatives(self, t: Array) -> tuple[Array, Array]:
         """Return the first and second derivative of K at real ``t`` ``(P,)`` below its end."""
-        over = 1 / (1 - 2 * self._variances * t)
-        small, large = self._variances * over, self._squares * over * over
-        return (small + large).sum(axis=0), (2 * small * (small + 2 * large)).sum(axis=0)
+        inverse = 1 / (1 - 2 * self._variances * t)
+        v, m = self._variances * inverse, self._squares * inverse * inverse
+        return (v + m).sum(axis=0), (2 * v * (v + 2 * m)).sum(axis=0)
 
     def third_derivative(self, t: Array) -> Array:
         """Return the third derivative of K at real ``t`` ``(P,)`` below its end."""
-        over = 1 / (1 - 2 * self._variances * t)
-        small = self._variances * over
-        return (8 * small * small * (small + 3 * self._squares * over * over)).sum(axis=0)
+        inverse = 1 / (1 - 2 * self._variances * t)
+        v = self._variances * inverse
+        return (8 * v * v * (v + 3 * self._squares * inverse * inverse)).sum(axis=0)
 
 
 def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least: float, most: float) -> Array:
@@ -718,16 +718,16 @@ def _root(function: Callable[[Array], tuple[Array, Array]], start: Array, least:
 
     Newton's method, with bisection where that would leave the bracket or is slower.
     """
-    at, low, high = start, np.full(start.shape, least), np.full(start.shape, most)
-    last = high - low
+    point, low, high = start, np.full(start.shape, least), np.full(start.shape, most)
+    last_step = high - low
     for _ in range(_MOST_STEPS):
-        values, slopes = function(at)
-        low, high = np.where(values <= 0, at, low), np.where(values >= 0, at, high)
+        values, slopes = function(point)
+        low, high = np.where(values <= 0, point, low), np.where(values >= 0, point, high)
         change = -values / np.maximum(slopes, 1e-300)
-        newton = (at + change >= low) & (at + change <= high) & (2 * np.abs(change) <= last)
+        newton = (point + change >= low) & (point + change <= high) & (2 * np.abs(change) <= last_step)
         # after a small step the next one would be as small as its square
-        change = np.where(last < _LAST_STEP, 0.0, np.where(newton, change, (low + high) / 2 - at))
-        at, last = at + change, np.abs(change)
-        if last.max(initial=0.0) < _LAST_STEP:
+        change = np.where(last_step < _LAST_STEP, 0.0, np.where(newton, change, (low + high) / 2 - point))
+        point, last_step = point + change, np.abs(change)
+        if last_step.max(initial=0.0) < _LAST_STEP:
             break
-    return at
+    return point

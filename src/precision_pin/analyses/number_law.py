@@ -144,7 +144,7 @@ class SingleLaw(NumberLaw):
         return self.part.density(x - self.mean)
 
 
-_ROUNDING: Final = 1e-15
+_ROUNDING: Final = 1e-15  # of a quantile, relative to its size and the width of the law
 
 
 def quantile_bounds(law: NumberLaw, levels: Array, quantiles: Array) -> Array:
@@ -152,9 +152,9 @@ def quantile_bounds(law: NumberLaw, levels: Array, quantiles: Array) -> Array:
     rounding = _ROUNDING * (np.abs(quantiles) + law.high - law.low)
     with np.errstate(divide="ignore", invalid="ignore"):
         width = 2 * law.error / law.density(quantiles) + rounding
-    tried = np.isfinite(width)
-    safe = np.where(tried, width, 0.0)
-    proved = tried & (law.cumulative(quantiles - safe) <= levels - law.error)
+    is_finite = np.isfinite(width)
+    safe = np.where(is_finite, width, 0.0)
+    proved = is_finite & (law.cumulative(quantiles - safe) <= levels - law.error)
     proved &= law.cumulative(quantiles + safe) >= levels + law.error
     for k in np.flatnonzero(~proved):
         lower = law.quantile(max(levels[k] - law.error, law.error))
@@ -183,10 +183,10 @@ class ConvolvedLaw(NumberLaw):
     error: ClassVar[float] = 1e-11
 
     @classmethod
-    def of(cls, mean: float, one: Projection, other: Projection) -> ConvolvedLaw:
+    def of(cls, mean: float, first: Projection, second: Projection) -> ConvolvedLaw:
         """Return the law of two parts; the integral runs along the part with the rougher density."""
-        kept, integrated = (one, other) if _roughness(one) <= _roughness(other) else (other, one)
-        return cls(mean, kept, integrated)
+        first, integrated = (first, second) if _roughness(first) <= _roughness(second) else (second, first)
+        return cls(mean, first, integrated)
 
     @property
     def pieces(self) -> int:
@@ -201,14 +201,14 @@ class ConvolvedLaw(NumberLaw):
     @property
     def ends(self) -> tuple[float, float]:
         """Sums of the ends."""
-        low, high = (self.mean + one + other for one, other in zip(self.kept.ends, self.integrated.ends, strict=True))
+        low, high = (self.mean + a + b for a, b in zip(self.kept.ends, self.integrated.ends, strict=True))
         return low, high
 
     def cumulative(self, x: Array) -> Array:
         """Return P(number ≤ x), the integral of F₁."""
         value = self._integral(self.kept.cumulative, x)
-        inside = (x >= self.low) & (x < self.high)
-        return np.where(inside, np.clip(value, 0, 1), np.where(x >= self.high, 1.0, 0.0))
+        is_inside = (x >= self.low) & (x < self.high)
+        return np.where(is_inside, np.clip(value, 0, 1), np.where(x >= self.high, 1.0, 0.0))
 
     def density(self, x: Array) -> Array:
         """Return the density, the integral of f₁."""
@@ -353,9 +353,9 @@ def _sum(table: NDArray[np.complex128], y: Array) -> Array:
     step = max(1, 2_000_000 // (rows + columns))
     parts = [np.zeros(0)]
     for first in range(0, y.size, step):
-        turn = -1j * np.pi * y[first : first + step, None]
-        fine = np.exp(turn * np.arange(columns))
-        coarse = np.exp(turn * (columns * np.arange(rows)))
+        step_phase = -1j * np.pi * y[first : first + step, None]
+        fine = np.exp(step_phase * np.arange(columns))
+        coarse = np.exp(step_phase * (columns * np.arange(rows)))
         parts.append(((fine @ table) * coarse).sum(axis=1).real)
     return np.concatenate(parts)
 
@@ -416,8 +416,8 @@ class Summand(Fixed):
 def certified_series(mean: float, std: float, summands: Sequence[Summand], largest_error: float) -> SeriesLaw | float:
     """Return a law's series with the terms for the largest certified error, else the smallest error reached."""
     for aim, most, score in _AIMS:
-        ends = [summand.ends(min(score, FARTHEST)) for summand in summands]
-        low, high = (sum(end[side] for end in ends) + sign * score * std for side, sign in ((0, -1), (1, 1)))
+        intervals = [summand.ends(min(score, FARTHEST)) for summand in summands]
+        low, high = (sum(end[side] for end in intervals) + sign * score * std for side, sign in ((0, -1), (1, 1)))
         half_length = (high - low) / 2
         bounds = _Bounds([summand.envelope for summand in summands], std, half_length)
         terms = 64
@@ -427,16 +427,16 @@ def certified_series(mean: float, std: float, summands: Sequence[Summand], large
             break
     truncation, density_truncation = bounds.truncations(terms)
     unbounded = sum(not summand.is_bounded for summand in summands) + (std > 0)
-    beyond = float(2 * special.ndtr(-score)) * unbounded
-    if truncation + beyond > largest_error:
-        return truncation + beyond
+    omitted = float(2 * special.ndtr(-score)) * unbounded
+    if truncation + omitted > largest_error:
+        return truncation + omitted
     middle = (low + high) / 2
     omega = np.arange(terms + 1, dtype=float) * (np.pi / half_length)
     coefficients = np.exp(-((std * omega) ** 2) / 2 - 1j * omega * middle)
     for summand in summands:
         coefficients *= summand.characteristic(omega)
     rounding = _rounding(bounds.bound(omega[1:]), summands)
-    return SeriesLaw(mean, middle, half_length, coefficients, truncation, density_truncation, beyond, rounding)
+    return SeriesLaw(mean, middle, half_length, coefficients, truncation, density_truncation, omitted, rounding)
 
 
 def _rounding(bounds: Array, summands: Sequence[Summand]) -> float:
@@ -458,9 +458,9 @@ def _rounding(bounds: Array, summands: Sequence[Summand]) -> float:
 ERROR: Final = 1e-12
 """Error of the cumulative law, ten times the largest change at the last doubling of the nodes."""
 
-_NODES: Final = 48
-_AT_ONCE: Final = 4_000_000
-_FLAT: Final = 1e-9
+_NODES: Final = 48  # at first; they are doubled until the values converge
+_AT_ONCE: Final = 4_000_000  # values of an integrand in one array, 32 MB
+_FLAT: Final = 1e-9  # relative standard deviation below which an axis counts as constant
 
 
 @dataclass(frozen=True, eq=False)
@@ -521,8 +521,8 @@ class NormalNorm(Fixed, NumberLaw):
         nodes, weights = _rule(256)
         stds, means, still = self._axes
         centre = math.hypot(float(np.linalg.norm(means)), still)
-        reach = FARTHEST * float(np.linalg.norm(stds))
-        low, high = max(self.low, centre - reach), min(self.high, centre + reach)
+        half_width = FARTHEST * float(np.linalg.norm(stds))
+        low, high = max(self.low, centre - half_width), min(self.high, centre + half_width)
         r = low + (high - low) * (nodes + 1) / 2
         mean = low + float((1 - self.cumulative(r)) @ weights) * (high - low) / 2
         square = float(self.centre @ self.centre + np.trace(self.matrix))
@@ -544,9 +544,9 @@ class NormalNorm(Fixed, NumberLaw):
         open_ones = np.arange(radii.size)
         while open_ones.size and nodes < 768 and stds.size > 1:
             nodes *= 2
-            before = values[open_ones]
-            values[open_ones] = now = at(radii[open_ones], nodes)
-            open_ones = open_ones[scale * np.abs(now - before) > ERROR / 10 * np.maximum(1.0, scale * np.abs(now))]
+            old = values[open_ones]
+            values[open_ones] = new = at(radii[open_ones], nodes)
+            open_ones = open_ones[scale * np.abs(new - old) > ERROR / 10 * np.maximum(1.0, scale * np.abs(new))]
         return values
 
 

@@ -13,7 +13,7 @@ from precision_pin.base.errors import visible
 from precision_pin.render.figure_style import shortened
 from precision_pin.robot.pose_set import PoseSet
 
-_MOST_NAMED: Final = 12
+_MOST_NAMED: Final = 12  # poses named below the axis; more are numbered
 
 
 def mark_poses(axes: Axes, poses: PoseSet, most_letters: int, most_level: int) -> tuple[Array, str]:
@@ -27,8 +27,8 @@ def mark_poses(axes: Axes, poses: PoseSet, most_letters: int, most_level: int) -
         axes.set_xlabel("time [s]")
     elif is_named:
         labels = [shortened(visible(label), most_letters) for label in poses.labels]
-        turned = sum(map(len, labels)) > most_level
-        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+        is_rotated = sum(map(len, labels)) > most_level
+        axes.set_xticks(places, labels, rotation=45 if is_rotated else 0, ha="right" if is_rotated else "center")
     else:
         axes.set_xlabel("pose, in the order given")
         axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))

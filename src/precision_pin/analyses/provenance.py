@@ -59,8 +59,8 @@ class Provenance:
         shares: OriginShares = {}
         if first and any(error_model.origins.values()):
             shares = origin_shares(error_model.origins, next(error_model.at_columns(error_model.poses[first][:, None])))
-        drawn = seed if seed is None else int(seed)
-        return cls(*arm, drawn, error_model.assumed, len(error_model.sources), shares, first if shares else "")
+        seed_number = seed if seed is None else int(seed)
+        return cls(*arm, seed_number, error_model.assumed, len(error_model.sources), shares, first if shares else "")
 
     @property
     def arm(self) -> str:
@@ -70,8 +70,8 @@ class Provenance:
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""
         arm = {"robot": self.robot, "base": self.base, "tip": self.tip, "axes": "base", "statics": self.statics}
-        rest = {"seed": self.seed, "assumed": list(self.assumed), **origins_entry(self.origins)}
-        return {"schema": schema, "complete": True, **arm, **rest, "versions": dict(self.versions)}
+        run = {"seed": self.seed, "assumed": list(self.assumed), **origins_entry(self.origins)}
+        return {"schema": schema, "complete": True, **arm, **run, "versions": dict(self.versions)}
 
 
 @dataclass(frozen=True)
@@ -112,10 +112,10 @@ Poses = Pose | Sequence[Pose]
 
 def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose]:
     """Return a list of poses: a row of numbers is one pose, any other list contains several."""
-    given = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
-    if len(given) > 1:
+    inputs = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
+    if len(inputs) > 1:
         raise InputError("pose, poses and q mean the same; give one of them")
-    poses = next(iter(given.values()), None)
+    poses = next(iter(inputs.values()), None)
     if isinstance(poses, np.ndarray) and poses.ndim > 1:
         raise InputError(
             f"poses in an array of shape {poses.shape}: give a list of poses instead, list(array) for poses in rows, "
@@ -123,20 +123,20 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
         )
     numbers = isinstance(poses, list | tuple) and all(isinstance(entry, int | float | np.number) for entry in poses)
     is_row = (numbers and len(poses) > 0) or (isinstance(poses, np.ndarray) and poses.ndim == 1 and poses.size > 0)  # type: ignore[arg-type]
-    several: list[Pose] = (
+    pose_list: list[Pose] = (
         list(poses) if isinstance(poses, list | tuple | np.ndarray) and not is_row else [poses]  # type: ignore[list-item]
     )
-    if not several:
+    if not pose_list:
         raise InputError("0 poses are given; give at least one, or none for the model's first pose")
-    return several
+    return pose_list
 
 
 def check_request(
     error_model: ErrorModel, poses: tuple[Poses, Poses, Poses], **common: Any
 ) -> tuple[list[Pose], tuple[Finding, ...]]:
     """Check the arguments of an analysis at poses, ``(poses, q, pose)`` being synonyms; return poses and findings."""
-    known = check_common(error_model, **common)
-    return listed_poses(*poses), known
+    check_findings = check_common(error_model, **common)
+    return listed_poses(*poses), check_findings
 
 
 PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]
@@ -163,4 +163,4 @@ def approached(poses: PoseSet) -> list[Array | ApproachedPose]:
     """Return the poses of a set as the model takes them, each with its approach if it has one."""
     if poses.approaches is None:
         return list(poses.q.T)
-    return [ApproachedPose(*one) for one in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]
+    return [ApproachedPose(*row) for row in zip(poses.q.T, map(tuple, poses.approaches.T.tolist()), strict=True)]

@@ -35,10 +35,10 @@ COLUMNS: Final = {
 
 def columns_of_scope(space: Space, scope: Scope) -> NDArray[np.intp]:
     """Return the columns of the numbers that are drawn for a scope."""
-    found = [
+    columns = [
         np.arange(s.start, s.stop) for draw, s in zip(space.draws, space.slices, strict=True) if draw.scope is scope
     ]
-    return np.concatenate([np.zeros(0, dtype=np.intp), *found]).astype(np.intp)
+    return np.concatenate([np.zeros(0, dtype=np.intp), *columns]).astype(np.intp)
 
 
 def scope_covariance(at: PoseModel, scope: Scope) -> Array:
@@ -60,9 +60,9 @@ class Station(NamedTuple):
         ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``variances`` ``(M,)`` the instrument's;
         numbers of one of ``visits`` ``(M,)`` were read together.
         """
-        each = by_error @ scope_covariance(self.at, Scope.VISIT) @ by_error.T
+        visit_covariance = by_error @ scope_covariance(self.at, Scope.VISIT) @ by_error.T
         common = by_error @ scope_covariance(self.at, Scope.POSE) @ by_error.T
-        return np.asarray(np.diag(variances) + each * (visits[:, None] == visits) + common)
+        return np.asarray(np.diag(variances) + visit_covariance * (visits[:, None] == visits) + common)
 
     def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
         """Return the lower triangular root of :meth:`noise`; raise if the instrument's part is lost in rounding."""
@@ -70,27 +70,27 @@ class Station(NamedTuple):
         try:
             return np.asarray(np.linalg.cholesky(noise), dtype=float)
         except np.linalg.LinAlgError:
-            widest, least = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(variances.min()))
+            widest, smallest = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(variances.min()))
             raise InputError(
                 f"numbers of scope visit or pose spread a reading by {widest:.3g}, beside which the instrument's standard "
-                f"deviation of {least:.3g} is lost in rounding; give smaller tolerances, or a larger deviation"
+                f"deviation of {smallest:.3g} is lost in rounding; give smaller tolerances, or a larger deviation"
             ) from None
 
 
 def measurement_of(model: ErrorModel, measurement: Measurement | None, *, has_data: bool = False) -> Measurement:
     """Return the measurement given, or the sheet's; raise for an unknown std without readings to estimate it."""
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
-    found = measurement if measurement is not None or model.sheet is None else model.sheet.measurement
-    if found is None:
+    result = measurement if measurement is not None or model.sheet is None else model.sheet.measurement
+    if result is None:
         raise InputError(
             "nothing says what is measured; give pp.Measurement(kind=..., std=...), or measurement: in the sheet"
         )
-    check_instance("measurement", found, Measurement, "pp.Measurement(kind=..., std=...)")
-    if not found.std_known and not has_data:
+    check_instance("measurement", result, Measurement, "pp.Measurement(kind=..., std=...)")
+    if not result.std_known and not has_data:
         raise InputError(
             "std: estimate belongs to the readings of one robot; give a standard deviation, such as --std 0.1mm"
         )
-    return found
+    return result
 
 
 def measurements_of(
@@ -100,8 +100,8 @@ def measurements_of(
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     if given is None and model.sheet is not None and model.sheet.measurements:
         return model.sheet.measurements
-    listed = given if isinstance(given, list | tuple) and given else (given,)
-    return tuple(measurement_of(model, one, has_data=has_data) for one in listed)
+    items = given if isinstance(given, list | tuple) and given else (given,)
+    return tuple(measurement_of(model, item, has_data=has_data) for item in items)
 
 
 def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
@@ -121,14 +121,14 @@ def stations_of(
     model: ErrorModel, values: Array, measurement: Measurement, approaches: NDArray[np.int8] | None = None
 ) -> tuple[Station, ...]:
     """Return a station for each distinct pose of ``(n, P)``, in order, with the columns that hold it."""
-    known = np.zeros(values.shape, dtype=np.int8) if approaches is None else approaches
+    signs = np.zeros(values.shape, dtype=np.int8) if approaches is None else approaches
     rows: dict[bytes, list[int]] = {}
     for k in range(values.shape[1]):
-        rows.setdefault((values[:, k] + 0.0).tobytes() + known[:, k].tobytes(), []).append(k)
-    first = np.array([listed[0] for listed in rows.values()], dtype=np.intp)
-    given = None if approaches is None else np.ascontiguousarray(approaches[:, first])
-    models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]), given)
-    return tuple(Station(at, tuple(listed)) for at, listed in zip(models, rows.values(), strict=True))
+        rows.setdefault((values[:, k] + 0.0).tobytes() + signs[:, k].tobytes(), []).append(k)
+    first = np.array([pose_rows[0] for pose_rows in rows.values()], dtype=np.intp)
+    sides = None if approaches is None else np.ascontiguousarray(approaches[:, first])
+    models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]), sides)
+    return tuple(Station(at, tuple(pose_rows)) for at, pose_rows in zip(models, rows.values(), strict=True))
 
 
 _POSES: Final = 100_000
@@ -240,8 +240,8 @@ def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Mea
     result = readings.copy()
     for station in stations:
         rows = list(station.rows)
-        turned = np.einsum("ijn,jk->ikn", se3.exp_rotation(readings[rows, 3:].T), station.at.posture.pose[:3, :3])
-        result[rows, 3:] = se3.log_rotation(turned).T
+        rotations = np.einsum("ijn,jk->ikn", se3.exp_rotation(readings[rows, 3:].T), station.at.posture.pose[:3, :3])
+        result[rows, 3:] = se3.log_rotation(rotations).T
     return result
 
 
@@ -255,9 +255,9 @@ def with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: i
 def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float, comments: Sequence[str]) -> str:
     """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below comments."""
     headings, columns = joint_cells(chain, q)
-    more, values = _readings(COLUMNS[kind], readings)
+    value_columns, values = _readings(COLUMNS[kind], readings)
     stds = [f"{1e3 * std:.6f}"] * len(readings)
-    return csv_text([*headings, *more, "std [mm]"], zip(*columns, *values, stds, strict=True), comments)
+    return csv_text([*headings, *value_columns, "std [mm]"], zip(*columns, *values, stds, strict=True), comments)
 
 
 def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:
@@ -266,18 +266,18 @@ def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, co
     The readings ``(P·n, m)``, m and rad, of kind ``"position"`` or ``"pose"``, are all cycles of one pose after
     another.
     """
-    more, values = _readings(COLUMNS[kind], readings)
+    value_columns, values = _readings(COLUMNS[kind], readings)
     visits = [(name, str(cycle)) for name in names for cycle in range(1, cycles + 1)]
     rows = zip(visits, *values, strict=True)
-    return csv_text(["pose", "cycle", *more], ((*visit, *cells) for visit, *cells in rows), comments)
+    return csv_text(["pose", "cycle", *value_columns], ((*visit, *cells) for visit, *cells in rows), comments)
 
 
 def joint_cells(chain: Chain, q: Array) -> tuple[list[str], list[list[str]]]:
     """Return headings with units, and the columns of joint values ``(n, P)``."""
     columns = joint_columns(chain.joint_names, chain.prismatic)
     # 1e-12 degrees: the rounding of a conversion from degrees and back
-    values = [(row / one.factor).tolist() for one, row in zip(columns, q, strict=True)]
-    return [one.heading for one in columns], [[repr(round(value, 12)) for value in row] for row in values]
+    values = [(row / column.factor).tolist() for column, row in zip(columns, q, strict=True)]
+    return [column.heading for column in columns], [[repr(round(value, 12)) for value in row] for row in values]
 
 
 def _readings(names: Sequence[str], readings: Array) -> tuple[list[str], list[list[str]]]:

@@ -27,9 +27,9 @@ FOLDERS: list[str] = [
 
 def declarations() -> dict[str, Declaration]:
     """Return the declarations of all analyses by name: those of the package, then those that others install."""
-    listed = [import_module(folder).DECLARATION for folder in FOLDERS]
-    listed += [extension.value for extension in extensions() if not extension.error]
-    return {declaration.name: declaration for declaration in listed}
+    entries = [import_module(folder).DECLARATION for folder in FOLDERS]
+    entries += [extension.value for extension in extensions() if not extension.error]
+    return {declaration.name: declaration for declaration in entries}
 
 
 def extensions() -> tuple[Extension, ...]:
@@ -40,8 +40,8 @@ def extensions() -> tuple[Extension, ...]:
 def _check(declaration: Any) -> str:
     if not isinstance(declaration, Declaration):
         return "it is no precision_pin.analyses.declaration.Declaration"
-    taken = declaration.name in (import_module(folder).DECLARATION.name for folder in FOLDERS)
-    return f"the name {declaration.name!r} is taken" if taken else ""
+    is_taken = declaration.name in (import_module(folder).DECLARATION.name for folder in FOLDERS)
+    return f"the name {declaration.name!r} is taken" if is_taken else ""
 
 
 def sheet_keys() -> dict[str, str]:

@@ -57,15 +57,15 @@ class Estimates:
     def where(self, resolved: Array | NDArray[np.bool_]) -> Estimates:
         """Return the estimates with NaN where they are not resolved."""
         keep = np.asarray(resolved, dtype=bool)
-        return Estimates(*(np.where(keep, getattr(self, one.name), np.nan) for one in fields(self)))
+        return Estimates(*(np.where(keep, getattr(self, field.name), np.nan) for field in fields(self)))
 
 
 def pseudo_values(statistic: Callable[[NDArray[np.bool_]], Array]) -> tuple[Array, Array]:
     """Return a statistic of a mask ``(REPLICATES,)``, and the jackknife's pseudo-values ``(REPLICATES, …)``."""
-    everything = np.ones(REPLICATES, dtype=bool)
-    whole = np.asarray(statistic(everything), dtype=float)
-    left_out = np.array([statistic(everything & (np.arange(REPLICATES) != k)) for k in range(REPLICATES)])
-    return whole, whole + (REPLICATES - 1) * (whole - left_out)
+    is_used = np.ones(REPLICATES, dtype=bool)
+    estimate = np.asarray(statistic(is_used), dtype=float)
+    left_out = np.array([statistic(is_used & (np.arange(REPLICATES) != k)) for k in range(REPLICATES)])
+    return estimate, estimate + (REPLICATES - 1) * (estimate - left_out)
 
 
 def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float) -> Estimates:
@@ -94,7 +94,7 @@ def quantile_of(
     ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
     ordered = values if is_sorted else np.partition(values, sorted({below, above, *ends}), axis=1)
     quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
-    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, end] for end in ends])
+    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, rank] for rank in ends])
     return quantile, interval
 
 
@@ -107,8 +107,8 @@ def half_widths(pseudo: Array, confidence: float) -> Array:
     student = float(special.stdtrit(REPLICATES - 1, (1 + confidence) / 2))
     small = np.abs(skewness) / math.sqrt(REPLICATES)
     ends = [studentised(side * student, small) for side in (-1, 1)]
-    reach = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
-    return 1.1 * reach * spread * math.sqrt(1 / (REPLICATES - 1))
+    factor = np.maximum(np.maximum(np.abs(ends[0]), np.abs(ends[1])), student)
+    return 1.1 * factor * spread * math.sqrt(1 / (REPLICATES - 1))
 
 
 MOST_SKEWNESS: Final = 0.6
@@ -160,19 +160,19 @@ class Marginals:
     def of(cls, dimension: int, points: int, *, is_net: bool, breaks: Sequence[tuple[float, ...]] = ()) -> Marginals:
         """Return the nodes for a dimension d, with jumps and kinks as from :func:`law_breaks`."""
         lines = [_line(points, tuple(breaks[number]) if breaks else ()) for number in range(dimension)]
-        ends = np.cumsum([0, *(u.size for u, _ in lines)]).tolist()
-        columns = tuple(map(slice, ends, ends[1:]))
-        uniforms = np.full((dimension, ends[-1]), 0.5)
-        for number, ((u, _), where) in enumerate(zip(lines, columns, strict=True)):
-            uniforms[number, where] = u
+        offsets = np.cumsum([0, *(u.size for u, _ in lines)]).tolist()
+        columns = tuple(map(slice, offsets, offsets[1:]))
+        uniforms = np.full((dimension, offsets[-1]), 0.5)
+        for number, ((u, _), line) in enumerate(zip(lines, columns, strict=True)):
+            uniforms[number, line] = u
         return cls(uniforms, np.concatenate([np.zeros(0), *(weights for _, weights in lines)]), columns, points, is_net)
 
     def subtract_means(self, values: Array) -> Array:
         """Return values ``(q, M)`` minus their mean along each number."""
         result = np.empty_like(values)
-        for where in self.columns:
-            part = values[:, where]
-            result[:, where] = part - (part @ self.weights[where])[:, None]
+        for line in self.columns:
+            part = values[:, line]
+            result[:, line] = part - (part @ self.weights[line])[:, None]
         return result
 
     def evaluate(self, function: Callable[[Array], Array]) -> tuple[Marginals, Array]:
@@ -188,9 +188,9 @@ class Marginals:
         except InputError:
             pass
         uniforms, values = self.uniforms.copy(), []
-        for number, where in enumerate(self.columns):
+        for number, line in enumerate(self.columns):
             for depth in range(-_DEEPEST, 0, -1):
-                nodes = self.uniforms[:, where].copy()
+                nodes = self.uniforms[:, line].copy()
                 nodes[number] = np.clip(nodes[number], 0.5**depth, 1 - 0.5**depth)
                 try:
                     values.append(function(nodes))
@@ -198,12 +198,12 @@ class Marginals:
                     if depth == 1:
                         raise
                 else:
-                    uniforms[:, where] = nodes
+                    uniforms[:, line] = nodes
                     break
         return replace(self, uniforms=uniforms), np.concatenate(values, axis=1)
 
     def resolve(
-        self, found: Estimates, contributions: Array, scale: Array, confidence: float, factors: Array | None = None
+        self, estimates: Estimates, contributions: Array, scale: Array, confidence: float, factors: Array | None = None
     ) -> Estimates:
         """Return estimates ``(…, q)`` with intervals that allow for the tails, NaN where they are not resolved.
 
@@ -214,30 +214,30 @@ class Marginals:
             scale: ``(q,)`` positive numbers to which the half-widths are compared.
             confidence: Confidence of the intervals.
         """
-        second, third = np.zeros(found.value.shape), np.zeros(found.value.shape)
-        for number, where in enumerate(self.columns):
+        second, third = np.zeros(estimates.value.shape), np.zeros(estimates.value.shape)
+        for number, line in enumerate(self.columns):
             factor = 1.0 if factors is None else factors[number]
             for cell in self._cells(number):
-                weights = self.weights[where][cell]
+                weights = self.weights[line][cell]
                 share = weights.sum()
-                part = contributions[:, where][:, cell]
-                off = part - (part @ weights / share)[:, None]
+                part = contributions[:, line][:, cell]
+                deviations = part - (part @ weights / share)[:, None]
                 # each replicate has n·share numbers in the cell, and each of them has the weight 1/n
                 count = self.points * share
-                second += factor**2 * (count * (off**2 @ weights / share) / self.points**2)
-                third += factor**3 * (count * (off**3 @ weights / share) / self.points**3)
+                second += factor**2 * (count * (deviations**2 @ weights / share) / self.points**2)
+                third += factor**3 * (count * (deviations**3 @ weights / share) / self.points**3)
         is_normal = np.abs(third) <= MOST_SKEWNESS * math.sqrt(REPLICATES) * second**1.5
-        reach = np.sqrt(second / (REPLICATES * (1 - confidence)))
-        half_width = np.hypot(found.half_width, np.where(is_normal, 0.0, reach))
-        return replace(found, half_width=half_width).where(is_normal | (reach <= MOST_REACH * scale))
+        half_range = np.sqrt(second / (REPLICATES * (1 - confidence)))
+        half_width = np.hypot(estimates.half_width, np.where(is_normal, 0.0, half_range))
+        return replace(estimates, half_width=half_width).where(is_normal | (half_range <= MOST_REACH * scale))
 
     def outermost(self, numbers: Sequence[int], samples: int) -> tuple[NDArray[np.intp], Array]:
         """Return the outermost nodes along some numbers, beyond which few samples lie, and their weights."""
-        inside = np.ones(self.weights.size, dtype=bool)
+        is_inside = np.ones(self.weights.size, dtype=bool)
         for number in numbers:
             u = self.uniforms[number, self.columns[number]]
-            inside[self.columns[number]] = np.minimum(u, 1 - u) >= _FEW / samples
-        nodes = np.flatnonzero(~inside)
+            is_inside[self.columns[number]] = np.minimum(u, 1 - u) >= _FEW / samples
+        nodes = np.flatnonzero(~is_inside)
         return nodes, self.weights[nodes]
 
     def _cells(self, number: int) -> list[slice | NDArray[np.bool_]]:
@@ -254,8 +254,8 @@ def _line(points: int, breaks: tuple[float, ...]) -> tuple[Array, Array]:
     outer = np.exp2([*range(middle, _DEEPEST, -_STEP), float(_DEEPEST)])
     inner = np.exp2([*range(middle, -1, _STEP), -1.0])
     below = np.concatenate([[0.0], outer, inner])
-    inside = [b for b in breaks if 0 < b < 1]
-    edges = np.unique(np.concatenate([below, 1 - below, inside]))
+    cuts = [b for b in breaks if 0 < b < 1]
+    edges = np.unique(np.concatenate([below, 1 - below, cuts]))
     half = np.diff(edges)[:, None] / 2
     u = (edges[:-1, None] + half * (_NODES + 1)).ravel()
     smallest = 0.5**53

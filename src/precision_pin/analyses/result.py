@@ -93,8 +93,8 @@ class AnalysisResult(Outcome):
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        of = self.provenance
-        return f"<{type(self).__name__} of {of.robot!r}, {of.base!r} to {of.tip!r}: {self.summary}>"
+        run = self.provenance
+        return f"<{type(self).__name__} of {run.robot!r}, {run.base!r} to {run.tip!r}: {self.summary}>"
 
     def settings(self) -> dict[str, Any]:
         """Return the settings for the JSON and data frames: its keys from the head to the findings."""
@@ -125,7 +125,7 @@ class AnalysisResult(Outcome):
     @property
     def declaration(self) -> Declaration:
         """Declaration of the analysis."""
-        return next(one for one in declarations().values() if load(one.result) is type(self))
+        return next(entry for entry in declarations().values() if load(entry.result) is type(self))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -196,12 +196,12 @@ class Result(AnalysisResult):
     ) -> pandas.DataFrame:
         """Return a data frame indexed by pose and ``levels``; ``rows`` gives the labels and row of each row of a pose."""
         rows = rows or (lambda pose: (((row.quantity,), row) for row in self.rows(pose)))
-        made = [
+        lines = [
             ((label, *labels), frame_row(columns or self.COLUMNS, row))
             for label, pose in zip(self.labels, self.poses, strict=True)
             for labels, row in rows(pose)
         ]
-        return data_frame(["pose", *levels], made, self.attributes())
+        return data_frame(["pose", *levels], lines, self.attributes())
 
     def _title(self) -> str:
         """Return the heading of the notebook view, without the robot."""
@@ -229,15 +229,15 @@ def name_pose(pose: PoseLabel) -> str:
     return (f"pose {pose.name!r}: " if pose.name else "") + joint_text(pose.q, pose.sliding_joints, pose.approach)
 
 
-def list_warnings(findings: Iterable[Finding], found: Iterable[str]) -> tuple[str, ...]:
+def list_warnings(findings: Iterable[Finding], messages: Iterable[str]) -> tuple[str, ...]:
     """Return findings and further warnings as lines without repetitions."""
-    return tuple(dict.fromkeys((*map(str, findings), *found)))
+    return tuple(dict.fromkeys((*map(str, findings), *messages)))
 
 
 def subject(provenance: Provenance, pose: PoseLabel) -> str:
     """Return the arm, the ends of its chain and the pose of a result."""
-    where = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
-    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {where}"
+    label = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
+    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {label}"
 
 
 def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Sequence[str]) -> str:

@@ -62,9 +62,9 @@ def correlated_groups(space: Space) -> tuple[tuple[int, ...], ...]:
         # largest correlation that counts as rounding
         linked = np.abs(matrix) > 1e-12 * np.outer(scale, scale)
         for row, column in np.argwhere(np.triu(linked, 1)).tolist():
-            joined = sorted({group_of[draw_of[columns[row]]], group_of[draw_of[columns[column]]]})
-            for k in draw_of[columns].tolist() if len(joined) > 1 else ():
-                group_of[k] = joined[0] if group_of[k] == joined[1] else group_of[k]
+            group_pair = sorted({group_of[draw_of[columns[row]]], group_of[draw_of[columns[column]]]})
+            for k in draw_of[columns].tolist() if len(group_pair) > 1 else ():
+                group_of[k] = group_pair[0] if group_of[k] == group_pair[1] else group_of[k]
     groups: dict[int, list[int]] = {}
     for k, group in enumerate(group_of):
         groups.setdefault(group, []).append(k)
@@ -79,13 +79,13 @@ def by_draw(at: PoseModel) -> Array:
     result = np.full((len(at.space.draws), 6), np.nan)
     for group in correlated_groups(at.space):
         columns = [_columns(at.space, [k]) for k in group]
-        together = list(itertools.chain.from_iterable(columns))
-        jacobian, covariance = at.jacobian[:, together], at.space.block_covariance.within(together)
+        union = list(itertools.chain.from_iterable(columns))
+        jacobian, covariance = at.jacobian[:, union], at.space.block_covariance.within(union)
         if len(group) == 1:
             result[group[0]] = np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
         elif len(group) <= MOST_PLAYERS:
-            ends = np.cumsum([0, *map(len, columns)]).tolist()
-            members = [list(range(a, b)) for a, b in itertools.pairwise(ends)]
+            offsets = np.cumsum([0, *map(len, columns)]).tolist()
+            members = [list(range(a, b)) for a, b in itertools.pairwise(offsets)]
             result[list(group)] = shapley_effects(jacobian, covariance, members)
     return result
 
@@ -116,10 +116,10 @@ def reaches(at: PoseModel, k: float) -> Array:
     result = np.zeros((len(at.space.draws), 6))
     for row, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True)):
         for component, slopes in enumerate(at.jacobian[:, columns]):
-            reach = (draw.law.support(slopes) + draw.law.support(-slopes)) / 2
-            if not math.isfinite(reach):
-                reach = k * math.sqrt(max(float(slopes @ draw.law.covariance @ slopes), 0.0))
-            result[row, component] = reach
+            half_width = (draw.law.support(slopes) + draw.law.support(-slopes)) / 2
+            if not math.isfinite(half_width):
+                half_width = k * math.sqrt(max(float(slopes @ draw.law.covariance @ slopes), 0.0))
+            result[row, component] = half_width
     return result
 
 
@@ -140,13 +140,13 @@ def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
     """
     keys = [key_of(target) for target in at.table.targets]
     places = {key: row for row, key in enumerate(dict.fromkeys(keys))}
-    moved = [0] * len(places)
+    moved_links = [0] * len(places)
     slopes = np.zeros((len(places), 6, at.space.size))
     acts = np.zeros((len(places), at.space.size), dtype=bool)
     for key, target, part in zip(keys, at.table.targets, at.jacobian_parts, strict=True):
         slopes[places[key]][:, part.columns] += part.slopes
         acts[places[key], part.columns] = True
-        moved[places[key]] = moved_link(target)
+        moved_links[places[key]] = moved_link(target)
     parts = np.zeros((len(places), 6))
     for group in correlated_groups(at.space):
         columns = _columns(at.space, group)
@@ -155,27 +155,27 @@ def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
             players.setdefault(tuple(np.flatnonzero(acts[:, column]).tolist()), []).append(k)
         players.pop((), None)
         covariance, jacobian = at.space.block_covariance.within(columns), at.jacobian[:, columns]
-        forms = _forms(covariance, players, moved) if len(players) > 1 else None
+        forms = _forms(covariance, players, moved_links) if len(players) > 1 else None
         if forms is None:
             parts += np.einsum("pij,jk,ik->pi", slopes[:, :, columns], covariance, jacobian)
             continue
-        for (where, numbers), form in zip(players.items(), forms, strict=True):
-            by_itself = covariance[np.ix_(numbers, numbers)] @ jacobian[:, numbers].T
-            own = slopes[np.ix_(where, range(6), [columns[k] for k in numbers])]
+        for (place_rows, numbers), form in zip(players.items(), forms, strict=True):
+            draw_part = covariance[np.ix_(numbers, numbers)] @ jacobian[:, numbers].T
+            place_slopes = slopes[np.ix_(place_rows, range(6), [columns[k] for k in numbers])]
             gain = np.einsum("ij,jk,ik->i", jacobian, form, jacobian) - np.einsum(
-                "ij,ji->i", jacobian[:, numbers], by_itself
+                "ij,ji->i", jacobian[:, numbers], draw_part
             )
-            parts[list(where)] += np.einsum("pij,ji->pi", own, by_itself) + gain / len(where)
+            parts[list(place_rows)] += np.einsum("pij,ji->pi", place_slopes, draw_part) + gain / len(place_rows)
     return {key: parts[row] for key, row in places.items()}
 
 
-def _forms(covariance: Array, players: Mapping[tuple[int, ...], list[int]], moved: Sequence[int]) -> Array | None:
+def _forms(covariance: Array, players: Mapping[tuple[int, ...], list[int]], moved_links: Sequence[int]) -> Array | None:
     """Return the effect of each player as a quadratic form of slopes; None where there are too many."""
     if len(players) <= MOST_PLAYERS:
         return effect_forms(covariance, list(players.values()))
     unions: dict[tuple[int, ...], list[int]] = {}
-    for player, where in enumerate(players):
-        unions.setdefault(tuple(dict.fromkeys(moved[place] for place in where)), []).append(player)
+    for player, place_rows in enumerate(players):
+        unions.setdefault(tuple(dict.fromkeys(moved_links[place] for place in place_rows)), []).append(player)
     if max(len(unions), *map(len, unions.values())) > MOST_PLAYERS:
         return None
     return joined_effect_forms(covariance, list(players.values()), list(unions.values()))
@@ -221,7 +221,7 @@ def shares_of(parts: Array, variances: Array) -> Shares:
         for vector, rows in zip(VECTORS, (slice(0, 3), slice(3, 6)), strict=True)
     ]
     values += zip(COMPONENTS, map(float, parts), map(float, variances), strict=True)
-    return {name: part / whole if whole > ROUNDING**2 and np.isfinite(part) else None for name, part, whole in values}
+    return {name: part / total if total > ROUNDING**2 and np.isfinite(part) else None for name, part, total in values}
 
 
 def component_shares(at: PoseModel, draw: int, variances: Array) -> dict[str, Shares]:
@@ -233,11 +233,11 @@ def component_shares(at: PoseModel, draw: int, variances: Array) -> dict[str, Sh
     return {name: shares_of(part, variances) for name, part in zip(names, parts, strict=True)}
 
 
-def worst_case_shares(part: Array, whole: Array) -> Shares:
+def worst_case_shares(part: Array, totals: Array) -> Shares:
     """Return a draw's shares of the reaches of the six components; None where the reach is zero."""
     return {
-        name: float(one / every) if every > ROUNDING else None
-        for name, one, every in zip(COMPONENTS, part, whole, strict=True)
+        name: float(value / total) if total > ROUNDING else None
+        for name, value, total in zip(COMPONENTS, part, totals, strict=True)
     }
 
 
@@ -274,10 +274,10 @@ def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
     twelve.
     """
     space, owners = model.space, number_owners(model.space, model.sources, model.labels)
-    alone = {group[0] for group in correlated_groups(space) if len(group) == 1}
+    uncorrelated = {group[0] for group in correlated_groups(space) if len(group) == 1}
     lines: dict[str, SourceLine] = {}
     for row, (draw, labels, columns) in enumerate(zip(space.draws, model.owners, space.slices, strict=True)):
-        groups = _divided(draw, owners) if len(labels) > 1 and row in alone else {}
+        groups = _divide_numbers(draw, owners) if len(labels) > 1 and row in uncorrelated else {}
         if len(groups) < 2:
             name = labels[0] if len(labels) == 1 else draw.name
             line = lines.setdefault(name, SourceLine(name, labels, [], [], []))
@@ -286,12 +286,12 @@ def source_lines(model: ErrorModel) -> tuple[SourceLine, ...]:
             continue
         forms = effect_forms(space.block_covariance.within(_columns(space, [row])), list(groups.values()))
         for (name, numbers), form in zip(groups.items(), forms, strict=True):
-            used = tuple(dict.fromkeys(label for k in numbers for label in owners[draw.components[k]]))
-            lines.setdefault(name, SourceLine(name, used, [], [], [])).parts.append((row, columns, form))
+            names = tuple(dict.fromkeys(label for k in numbers for label in owners[draw.components[k]]))
+            lines.setdefault(name, SourceLine(name, names, [], [], [])).parts.append((row, columns, form))
     return tuple(lines.values())
 
 
-def _divided(draw: Draw, owners: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
+def _divide_numbers(draw: Draw, owners: Mapping[str, Sequence[str]]) -> dict[str, list[int]]:
     """Return the numbers of a draw by source, or by the brackets in its label; empty if that is too many."""
     for is_by_source in (True, False):
         groups: dict[str, list[int]] = {}
@@ -311,15 +311,15 @@ def source_shares(
     at: PoseModel, lines: Sequence[SourceLine], shares: Array, variances: Array
 ) -> tuple[SourceShare, ...]:
     """Return the shares of the lines of the sources."""
-    found = []
+    result = []
     for line in lines:
         part = shares[line.draws].sum(axis=0)
         for _, columns, form in line.parts:
             slopes = at.jacobian[:, columns]
             part = part + np.einsum("ij,jk,ik->i", slopes, form, slopes)
         draws = tuple(at.space.draws[row].name for row in (*line.draws, *(row for row, _, _ in line.parts)))
-        found.append(SourceShare(line.name, line.sources, draws, shares_of(part, variances)))
-    return tuple(found)
+        result.append(SourceShare(line.name, line.sources, draws, shares_of(part, variances)))
+    return tuple(result)
 
 
 MOST_PLAYERS: Final = 12
@@ -344,8 +344,7 @@ def shapley_values(players: int, worth: Callable[[tuple[int, ...]], Array]) -> A
     for size in range(players + 1):
         # v(S) is used once for each member, as the worth of S without it and with it
         as_member, as_other = (
-            1 / (players * math.comb(players - 1, others)) if 0 <= others < players else 0.0
-            for others in (size - 1, size)
+            1 / (players * math.comb(players - 1, count)) if 0 <= count < players else 0.0 for count in (size - 1, size)
         )
         for coalition in itertools.combinations(range(players), size):
             value = worth(coalition)
@@ -413,16 +412,16 @@ def joined_effect_forms(covariance: Array, groups: Sequence[Sequence[int]], unio
     A union is a list of group numbers; every group is in one.
     """
     members = [[k for group in union for k in groups[group]] for union in unions]
-    whole = effect_forms(covariance, members)
+    all_forms = effect_forms(covariance, members)
     result = np.zeros((len(groups), *covariance.shape))
     for number, union in enumerate(unions):
 
-        def worth(some: tuple[int, ...], number: int = number, union: Sequence[int] = union) -> Array:
-            if not some:
+        def worth(coalition: tuple[int, ...], number: int = number, union: Sequence[int] = union) -> Array:
+            if not coalition:
                 return np.zeros(covariance.shape)
-            if len(some) == len(union):
-                return np.asarray(whole[number])
-            part = [k for member in some for k in groups[union[member]]]
+            if len(coalition) == len(union):
+                return np.asarray(all_forms[number])
+            part = [k for member in coalition for k in groups[union[member]]]
             return np.asarray(effect_forms(covariance, [*members[:number], part, *members[number + 1 :]])[number])
 
         result[list(union)] = shapley_values(len(union), worth)

@@ -66,12 +66,12 @@ class _Ellipsoid(Body):
         return np.linalg.norm(directions @ self.root, axis=1)
 
     def points(self, directions: Array) -> Array:
-        seen = directions @ self.root
+        projections = directions @ self.root
         # scaled first, because a subnormal length has too few digits to divide by
-        largest = np.abs(seen).max(axis=1, keepdims=True)
-        seen = np.divide(seen, largest, out=np.zeros_like(seen), where=largest > 0)
-        seen[largest[:, 0] == 0, 0] = 1.0
-        return (seen / np.linalg.norm(seen, axis=1, keepdims=True)) @ self.root.T
+        largest = np.abs(projections).max(axis=1, keepdims=True)
+        projections = np.divide(projections, largest, out=np.zeros_like(projections), where=largest > 0)
+        projections[largest[:, 0] == 0, 0] = 1.0
+        return (projections / np.linalg.norm(projections, axis=1, keepdims=True)) @ self.root.T
 
     @property
     def form(self) -> tuple[Array, tuple[Array, ...]]:
@@ -106,8 +106,8 @@ class _Described(Body):
         for k, direction in enumerate(directions):
             # step of the central differences for the support point of a law given only by its support function
             step = 1e-7 * (np.linalg.norm(direction) or 1.0)
-            ends = direction + step * np.concatenate([np.eye(direction.size), -np.eye(direction.size)])
-            upper, lower = np.split(self.heights(ends), 2)
+            neighbours = direction + step * np.concatenate([np.eye(direction.size), -np.eye(direction.size)])
+            upper, lower = np.split(self.heights(neighbours), 2)
             result[k] = (upper - lower) / (2 * step)
         return result
 
@@ -135,7 +135,7 @@ class Supports(Fixed):
             InputError: k is not positive and finite, or a law of several numbers is unbounded and of unknown form.
         """
         k = check_number("k, where unbounded laws are cut,", k, "positive and finite", lambda value: value > 0)
-        cut = tuple(draw.name for draw in space.draws if not _is_bounded(draw.law))
+        cut_names = tuple(draw.name for draw in space.draws if not _is_bounded(draw.law))
         groups = _normal_groups(space)
         grouped = {name for group in groups for name in group}
         names, columns, bodies = [], [], []
@@ -145,12 +145,12 @@ class Supports(Fixed):
                 columns.append(np.arange(rows.start, rows.stop))
                 bodies.append(_body(draw.name, draw.law, float(k)))
         for group in groups:
-            chosen = np.array([space.index[name] for name in group])
-            matrix = space.block_covariance.within(chosen)
+            columns_of_group = np.array([space.index[name] for name in group])
+            matrix = space.block_covariance.within(columns_of_group)
             names.append(", ".join(group))
-            columns.append(chosen)
+            columns.append(columns_of_group)
             bodies.append(_Ellipsoid(k * triangular_root(matrix)))
-        return cls(space, tuple(names), tuple(columns), tuple(bodies), cut)
+        return cls(space, tuple(names), tuple(columns), tuple(bodies), cut_names)
 
     def heights(self, weights: Array) -> Array:
         """Return the support function of every body, ``(bodies, N)``, for weights ``(N, d)`` of the components."""
@@ -204,7 +204,7 @@ def _body(name: str, law: Law, k: float) -> Body:
         if not bounded:
             raise InputError(f"the law of {name} is unbounded and has no rule for cutting it; truncate the law")
         return _Described(law)
-    ends = np.array(_ends(law, 0)) if bounded else law.at_scores(np.array([[-k, k]]))[0]
+    interval = np.array(_ends(law, 0)) if bounded else law.at_scores(np.array([[-k, k]]))[0]
     middle = law.inverse(np.full((1, 1), 0.5))[0]
     mean = law.mean_vector
-    return _Box(ends[:1] - mean, ends[1:] - mean, middle - mean)
+    return _Box(interval[:1] - mean, interval[1:] - mean, middle - mean)

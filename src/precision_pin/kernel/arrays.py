@@ -88,13 +88,13 @@ def rare_laws(space: Space) -> Wanted:
 
 def convert_draws(space: Space, constants: Mapping[float, int]) -> Draws:
     """Return the arrays of a space's draws, with a row for each component, in order, and for each constant."""
-    placed = list(zip((draw.law for draw in space.draws), space.slices, strict=True))
-    streamed = [columns.start + k for law, columns in placed for k in law.streamed]
+    law_columns = list(zip((draw.law for draw in space.draws), space.slices, strict=True))
+    streamed = [columns.start + k for law, columns in law_columns for k in law.streamed]
     by_branch: dict[Branch, dict[int, Array]] = {branch: {} for branch in get_args(Branch)}
-    for law, columns in placed:
+    for law, columns in law_columns:
         row = _kernel_row(law)
         by_branch[row.branch][columns.start] = row.numbers
-    from_normals = {k for law, rows in placed if law.variates == "normal" for k in range(rows.start, rows.stop)}
+    from_normals = {k for law, rows in law_columns if law.variates == "normal" for k in range(rows.start, rows.stop)}
     groups = [[space.index[correlation.names[k]] for k in correlation.order] for correlation in space.correlations]
     mixed = {component for group in groups for component in group}
     fixed = {row: float(value[0]) for row, value in by_branch["fixed"].items()}
@@ -171,11 +171,11 @@ def _stack_rows(parts: Sequence[Array], columns: int) -> tuple[Array, NDArray[np
 
 def intervals(space: Space) -> list[Interval]:
     """Return the bounds of each component, drawn with uniform numbers of 53 bits."""
-    found: list[Interval] = []
+    result: list[Interval] = []
     for draw in space.draws:
-        known = _kernel_row(draw.law).intervals
-        found += known or [draw.law.interval(k) for k in range(draw.law.size)]
-    return found
+        kernel_intervals = _kernel_row(draw.law).intervals
+        result += kernel_intervals or [draw.law.interval(k) for k in range(draw.law.size)]
+    return result
 
 
 Column = tuple[int, ...]
@@ -252,10 +252,10 @@ def convert_tables(tables: Sequence[TermTable], space: Space) -> list[SamplerArr
     """Return the arrays of term tables, with the same bits as `convert_table` of each."""
     # consecutive tables with the same targets, program and factors, such as one model at several poses, share draws and
     # formulas
-    found: list[SamplerArrays] = []
+    arrays: list[SamplerArrays] = []
     for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
-        found += _convert_alike(list(alike), space)
-    return found
+        arrays += _convert_alike(list(alike), space)
+    return arrays
 
 
 def _convert_alike(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
@@ -340,7 +340,7 @@ class _Products:
         self._results: list[int] = []
 
     def column(self, factors: NDArray[np.intp]) -> Column:
-        """Return one or two rows whose product is that of the parameters; a row of ones if there are none."""
+        """Return one or two rows whose product is the product of the parameters; a row of ones if there are none."""
         if not factors.size:
             return (self._rows.constant(1.0),)
         # sorted, so that a product has one row for any order of its factors in the sheet
@@ -376,33 +376,33 @@ class _Products:
 
 def _result_interval(operator: Operator, a: Interval, b: Interval) -> Interval:
     """Return an interval that contains the results of an operation; the real line if unknown."""
-    everything = (-math.inf, math.inf)
+    real_line = (-math.inf, math.inf)
     match operator:
         case Operator.ADD:
-            ends = [a[0] + b[0], a[1] + b[1]]
+            values = [a[0] + b[0], a[1] + b[1]]
         case Operator.SUBTRACT:
-            ends = [a[0] - b[1], a[1] - b[0]]
+            values = [a[0] - b[1], a[1] - b[0]]
         case Operator.MULTIPLY:
-            ends = [x * y for x in a for y in b]
+            values = [x * y for x in a for y in b]
         case Operator.DIVIDE:
             if b[0] <= 0 <= b[1]:
-                return everything
-            ends = [x / y for x in a for y in b]
+                return real_line
+            values = [x / y for x in a for y in b]
         case Operator.POWER:
             if a[0] <= 0 or math.inf in a:
-                return everything
+                return real_line
             try:
-                ends = [x**y for x in a for y in b]
+                values = [x**y for x in a for y in b]
             except OverflowError:
-                return everything
+                return real_line
         case Operator.SQRT:
-            ends = [math.sqrt(max(x, 0.0)) for x in a]
+            values = [math.sqrt(max(x, 0.0)) for x in a]
         case Operator.SIN | Operator.COS | Operator.SIGN:
             return (-1.0, 1.0)
-    if any(map(math.isnan, ends)):
-        return everything
+    if any(map(math.isnan, values)):
+        return real_line
     # widened by more than the rounding of the ends and of the same operation on the samples
-    low, high = min(ends), max(ends)
+    low, high = min(values), max(values)
     return low - 1e-14 * abs(low), high + 1e-14 * abs(high)
 
 
@@ -422,24 +422,24 @@ def _convert_displacements(
     parts = ("pose", "frames", "twists")
     poses, frames, twists = (np.stack([getattr(table, part) for table in tables]) for part in parts)
     target = tables[0].target
-    turned = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
+    rotated = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
     shifted = _rotate(frames[:, target, :3, :3], twists[:, :, :3])
     # vectors from each pivot to the tip
     arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
     lever = -arms[:, target]
     carried = shifted + np.stack(
         [
-            lever[..., (k + 1) % 3] * turned[..., (k + 2) % 3] - lever[..., (k + 2) % 3] * turned[..., (k + 1) % 3]
+            lever[..., (k + 1) % 3] * rotated[..., (k + 2) % 3] - lever[..., (k + 2) % 3] * rotated[..., (k + 1) % 3]
             for k in range(3)
         ],
         axis=-1,
     )
-    sums = [_Sum.of(columns, carried, range(len(columns))), _Sum.of(columns, turned, range(len(columns)))]
+    sums = [_Sum.of(columns, carried, range(len(columns))), _Sum.of(columns, rotated, range(len(columns)))]
     angles = np.zeros((len(tables), count))
     # from tip to base, the order in which the loops compose them
     for place, k in enumerate(reversed(range(count))):
         terms = np.flatnonzero(target == k).tolist()
-        shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, turned, terms)
+        shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, rotated, terms)
         angles[:, place] = _largest_turns(turn, rows)
         # the loops use half the rotation vector; halving is exact
         sums += [shift, _Sum(turn.columns, turn.vectors / 2)]
@@ -447,17 +447,17 @@ def _convert_displacements(
     total = np.zeros(len(tables))
     for column in angles.T:
         total = total + column
-    reach = np.concatenate([angles, total[:, None]], axis=1)
-    series = np.where(reach <= _FINE_UP_TO, FINE, np.where(reach <= _NARROW_UP_TO, NARROW, WIDE))
+    angle_bounds = np.concatenate([angles, total[:, None]], axis=1)
+    series = np.where(angle_bounds <= _FINE_UP_TO, FINE, np.where(angle_bounds <= _NARROW_UP_TO, NARROW, WIDE))
     # only nonzero entries are stored; they are nearly always the same at all poses
-    kept = np.concatenate([part.vectors.any(axis=-1) for part in sums], axis=1)
-    patterns, numbers = np.unique(kept, axis=0, return_inverse=True)
-    found: dict[int, tuple[Superposition, Motions, float]] = {}
+    is_used = np.concatenate([part.vectors.any(axis=-1) for part in sums], axis=1)
+    patterns, numbers = np.unique(is_used, axis=0, return_inverse=True)
+    entries: dict[int, tuple[Superposition, Motions, float]] = {}
     for number, pattern in enumerate(patterns):
         alike = np.flatnonzero(numbers.reshape(-1) == number)
-        made = _assemble(sums, pattern, alike, arms[alike][:, ::-1], series[alike])
-        found |= {pose: (*both, float(total[pose])) for pose, both in zip(alike.tolist(), made, strict=True)}
-    return [found[pose] for pose in range(len(tables))]
+        motion_pairs = _assemble(sums, pattern, alike, arms[alike][:, ::-1], series[alike])
+        entries |= {pose: (*pair, float(total[pose])) for pose, pair in zip(alike.tolist(), motion_pairs, strict=True)}
+    return [entries[pose] for pose in range(len(tables))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -470,31 +470,31 @@ class _Sum:
     @classmethod
     def of(cls, columns: Sequence[Column], vectors: Array, terms: Iterable[int]) -> _Sum:
         """Return the sum of terms with vectors ``(P, T, 3)``; vectors of the same column are added."""
-        moved: dict[Column, Array] = {}
+        sums: dict[Column, Array] = {}
         for term in terms:
             column = columns[term]
-            moved[column] = moved[column] + vectors[:, term] if column in moved else vectors[:, term]
-        stacked = np.stack([_drop_rounding(vector) for vector in moved.values()], axis=1) if moved else vectors[:, :0]
-        return cls(list(moved), stacked)
+            sums[column] = sums[column] + vectors[:, term] if column in sums else vectors[:, term]
+        stacked = np.stack([_drop_rounding(vector) for vector in sums.values()], axis=1) if sums else vectors[:, :0]
+        return cls(list(sums), stacked)
 
-    def entries(self, kept: NDArray[np.bool_], poses: NDArray[np.intp], *, least: int = 0, filler: int = 0) -> _Entries:
-        """Return the entries at some poses, with at least `least` entries of single rows."""
-        chosen = np.flatnonzero(kept).tolist()
-        single = [k for k in chosen if len(self.columns[k]) == 1]
-        double = [k for k in chosen if len(self.columns[k]) == 2]
+    def entries(self, mask: NDArray[np.bool_], poses: NDArray[np.intp], *, minimum: int = 0, pad: int = 0) -> _Entries:
+        """Return the entries at some poses, with at least `minimum` entries of single rows."""
+        indices = np.flatnonzero(mask).tolist()
+        single = [k for k in indices if len(self.columns[k]) == 1]
+        double = [k for k in indices if len(self.columns[k]) == 2]
         rows = [self.columns[k][0] for k in single]
-        others = max(len(rows) - least, 0)
+        remaining = max(len(rows) - minimum, 0)
         # the loops process six, five, four or three entries at once, never one or two
-        size = least + others + {1: 2, 2: 1}.get(others % 6, 0)
+        size = minimum + remaining + {1: 2, 2: 1}.get(remaining % 6, 0)
         # padding entries have a zero vector; their row only needs finite values
-        rows += ([self.columns[k][0] for k in chosen[:1]] or [filler]) * (size - len(rows))
+        rows += ([self.columns[k][0] for k in indices[:1]] or [pad]) * (size - len(rows))
         # three products in one pass; padding products have a zero vector as well
         sets = -(-len(double) // 3)
         factors = [row for k in double for row in self.columns[k]]
         factors += factors[:1] * (6 * sets - len(factors))
-        own, vectors = self.vectors[poses], np.zeros((len(poses), size + 6 * sets, 3))
-        vectors[:, : len(single)] = own[:, single]
-        vectors[:, [size + 6 * (k // 3) + k % 3 for k in range(len(double))]] = own[:, double]
+        pose_vectors, vectors = self.vectors[poses], np.zeros((len(poses), size + 6 * sets, 3))
+        vectors[:, : len(single)] = pose_vectors[:, single]
+        vectors[:, [size + 6 * (k // 3) + k % 3 for k in range(len(double))]] = pose_vectors[:, double]
         return _Entries(rows + factors, vectors, (size, len(factors)))
 
 
@@ -519,37 +519,37 @@ def _drop_rounding(vector: Array) -> Array:
 
 def _largest_turns(turn: _Sum, rows: _RowAllocator) -> Array:
     """Return the bound on a target's rotation angle at each pose, ``(P,)``, rad; infinite if unknown."""
-    reach = np.zeros((len(turn.vectors), 3))
+    bounds_ = np.zeros((len(turn.vectors), 3))
     with np.errstate(invalid="ignore", over="ignore"):
         for k, column in enumerate(turn.columns):
             vector = np.abs(turn.vectors[:, k])
             # zero vectors are skipped, because zero times an infinite end is NaN
             interval: Interval = reduce(_product_interval, (rows.intervals[row] for row in column))
             furthest = max(map(abs, interval))
-            reach = reach + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
-        bound = np.sqrt(reach[:, 0] * reach[:, 0] + reach[:, 1] * reach[:, 1] + reach[:, 2] * reach[:, 2])
+            bounds_ = bounds_ + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
+        bound = np.sqrt(bounds_[:, 0] * bounds_[:, 0] + bounds_[:, 1] * bounds_[:, 1] + bounds_[:, 2] * bounds_[:, 2])
     return np.nan_to_num(bound, nan=math.inf, posinf=math.inf)
 
 
 def _assemble(
-    sums: Sequence[_Sum], kept: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, series: NDArray[np.int64]
+    sums: Sequence[_Sum], mask: NDArray[np.bool_], poses: NDArray[np.intp], arms: Array, series: NDArray[np.int64]
 ) -> Iterable[tuple[Superposition, Motions]]:
     """Yield the arrays of both models at the poses with the same nonzero entries."""
     ends = np.cumsum([0, *(len(part.columns) for part in sums)]).tolist()
-    of_part = [kept[begin:end] for begin, end in pairwise(ends)]
-    listed = [part.entries(own, poses) for part, own in zip(sums[:2], of_part[:2], strict=True)]
-    for shift, turn, shift_kept, turn_kept in zip(sums[2::2], sums[3::2], of_part[2::2], of_part[3::2], strict=True):
+    of_part = [mask[begin:end] for begin, end in pairwise(ends)]
+    entry_list = [part.entries(part_mask, poses) for part, part_mask in zip(sums[:2], of_part[:2], strict=True)]
+    for shift, turn, shift_mask, turn_mask in zip(sums[2::2], sums[3::2], of_part[2::2], of_part[3::2], strict=True):
         # one loop of the sampler processes three entries of a shift together with the target's turn
-        least = 3 if turn_kept.any() else 0
-        turns = turn.entries(turn_kept, poses, least=least)
-        listed += [shift.entries(shift_kept, poses, least=least, filler=turns.rows[0] if least else 0), turns]
+        minimum = 3 if turn_mask.any() else 0
+        turns = turn.entries(turn_mask, poses, minimum=minimum)
+        entry_list += [shift.entries(shift_mask, poses, minimum=minimum, pad=turns.rows[0] if minimum else 0), turns]
     # the superposition's shifts and turns, then those of the targets, from tip to base
-    parts = [listed[0:1], listed[1:2], listed[2::2], listed[3::2]]
+    parts = [entry_list[0:1], entry_list[1:2], entry_list[2::2], entry_list[3::2]]
     row_offsets = [offsets([row for entries in part for row in entries.rows]) for part in parts]
     vectors = [
-        freeze(together, *together.shape)
+        freeze(stacked, *stacked.shape)
         for part in parts
-        for together in [np.concatenate([np.zeros((len(poses), 0, 3)), *(entries.vectors for entries in part)], axis=1)]
+        for stacked in [np.concatenate([np.zeros((len(poses), 0, 3)), *(entries.vectors for entries in part)], axis=1)]
     ]
     starts = [np.cumsum([0, *(size for entries in part for size in entries.sizes)]) for part in parts]
     superposed, shift_starts, turn_starts = map(freeze_offsets, (np.stack(starts[:2], axis=1), *starts[2:]))

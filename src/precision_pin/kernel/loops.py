@@ -108,7 +108,7 @@ _MULTIPLIER_0, _MULTIPLIER_1 = _U(0xD2511F53), _U(0xCD9E8D57)
 _WEYL_0, _WEYL_1 = _U(0x9E3779B9), _U(0xBB67AE85)
 _LOW = _U(0xFFFFFFFF)
 _BITS_OF_ONE = _U(0x3FF0000000000000)
-_ONE_LESS = 1.0 - 2.0**-53
+_ONE_LESS = 1.0 - 2.0**-53  # 2⁻⁵³ below one: puts the uniform numbers halfway between multiples of 2⁻⁵²
 # adding and subtracting these rounds to whole numbers and to eighths, because the mantissa has no bits for less; the factor
 # 1.5 keeps sums with negative numbers in the same binade
 _ROUND_TO_WHOLE = 1.5 * 2.0**52
@@ -708,9 +708,9 @@ def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
     for back in range(size):
         k = size - _ONE - _U(back)
         target = row + k * _STRIDE
-        own = root[k + _ONE, k]
+        diagonal = root[k + _ONE, k]
         for i in range(_TILE):
-            w[target + i] = own * w[target + i]
+            w[target + i] = diagonal * w[target + i]
         for j in range(k):
             other = row + _U(j) * _STRIDE
             factor = root[k + _ONE, j]
@@ -844,16 +844,16 @@ def _three(rows: Offsets, vectors: Array, k: Scalar) -> Any:
 def _add(s: Array, w: Array, result: Scalar, rows: Any, vectors: Any) -> None:
     """Add ``vector × row`` of a few entries to three rows of the scratch."""
     # the entries of a pass are added first, so that the three sums are read and written once
-    one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
+    x_row, y_row, z_row = result, result + _STRIDE, result + _U(2 * STRIDE)
     for i in range(_TILE):
         p = w[rows[0] + i]
         x, y, z = vectors[0][0] * p, vectors[0][1] * p, vectors[0][2] * p
         for n in range(1, len(rows)):
             q = w[rows[n] + i]
             x, y, z = x + vectors[n][0] * q, y + vectors[n][1] * q, z + vectors[n][2] * q
-        s[one + i] += x
-        s[two + i] += y
-        s[three + i] += z
+        s[x_row + i] += x
+        s[y_row + i] += y
+        s[z_row + i] += z
 
 
 @inline
@@ -887,7 +887,7 @@ def _mix_products(
     s: Array, w: Array, result: Scalar, start: Scalar, stop: Scalar, rows: Offsets, vectors: Array
 ) -> None:
     """Add ``vector × row × row`` to three rows of the scratch, for sets of six entries from ``start`` to ``stop - 1``."""
-    one, two, three = result, result + _STRIDE, result + _U(2 * STRIDE)
+    x_row, y_row, z_row = result, result + _STRIDE, result + _U(2 * STRIDE)
     k = start
     while k < stop:
         (a, b, c), ((px, py, pz), (qx, qy, qz), (rx, ry, rz)) = _three(rows, vectors, k)
@@ -895,9 +895,9 @@ def _mix_products(
         d, e, f = rows[m], rows[m + _ONE], rows[m + _TWO]
         for i in range(_TILE):
             p, q, r = w[a + i] * w[b + i], w[c + i] * w[d + i], w[e + i] * w[f + i]
-            s[one + i] += px * p + qx * q + rx * r
-            s[two + i] += py * p + qy * q + ry * r
-            s[three + i] += pz * p + qz * q + rz * r
+            s[x_row + i] += px * p + qx * q + rx * r
+            s[y_row + i] += py * p + qy * q + ry * r
+            s[z_row + i] += pz * p + qz * q + rz * r
         k += _SIX
 
 
@@ -1077,11 +1077,11 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
         if turn < turn_end:
             # of the single rows, all but the last three of a turn are summed first; the last three, and the first three of the
             # shift, are added in the loop of `_turn` and `_carry`
-            own = turn_products - _THREE
-            _mix(s, w, _X0, turn, own, turn_rows, turns)
+            last_three = turn_products - _THREE
+            _mix(s, w, _X0, turn, last_three, turn_rows, turns)
             _mix_products(s, w, _X0, turn_products, turn_end, turn_rows, turns)
             if motions.series[k] == WIDE:
-                rows, vectors = _three(turn_rows, turns, own)
+                rows, vectors = _three(turn_rows, turns, last_three)
                 _add(s, w, _X0, rows, vectors)
                 sample = _too_far(s, skipped, count, sampled)
                 if sample >= 0:
@@ -1094,11 +1094,11 @@ def _displace(s: Array, w: Array, motions: Motions, skipped: Scalar, count: Scal
                 _clear(s, _X0)
             else:
                 if motions.series[k] != FINE:
-                    _turn(s, w, own, turn_rows, turns, _TANGENT, _COSINE_SQUARED, True)
+                    _turn(s, w, last_three, turn_rows, turns, _TANGENT, _COSINE_SQUARED, True)
                 elif turn + _THREE < turn_end:
-                    _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, True)
+                    _turn(s, w, last_three, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, True)
                 else:
-                    _turn(s, w, own, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, None)
+                    _turn(s, w, last_three, turn_rows, turns, _FINE_TANGENT, _FINE_COSINE, None)
                 if at_rest:
                     _begin(s, w, shift, shift_rows, shifts, rx, ry, rz)
                 else:
@@ -1340,12 +1340,12 @@ def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, ske
 def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
     for k in range(counting.limits.size):
         row, limit = counting.limit_rows[k] * _STRIDE, counting.limits[k]
-        kept = 0
+        count_inside = 0
         for i in range(_TILE):
-            kept += 1 if abs(s[row + i]) <= limit else 0
+            count_inside += 1 if abs(s[row + i]) <= limit else 0
         for sample in range(count, TILE):
-            kept -= 1 if abs(s[row + _place_of(sample, True)]) <= limit else 0
-        inside[k] += kept
+            count_inside -= 1 if abs(s[row + _place_of(sample, True)]) <= limit else 0
+        inside[k] += count_inside
 
 
 @cached_part
@@ -1450,8 +1450,8 @@ def run(
     skip: Scalar,
     count: Scalar,
     given: Array,
-    kept_components: Array,
-    kept_errors: Array,
+    component_output: Array,
+    error_output: Array,
     counting: Counting,
     sums: Array,
     lowest: Array,
@@ -1473,7 +1473,7 @@ def run(
         first, skip, count: First unit, a multiple of `TILE`; unrequested samples at the beginning, which may fail;
             samples including these.
         given: ``(d, count)`` component values to use; without columns they are drawn.
-        kept_components, kept_errors: ``(d, count)`` and ``(6, count)`` arrays to fill; none without columns.
+        component_output, error_output: ``(d, count)`` and ``(6, count)`` arrays to fill; none without columns.
         counting, sums, lowest, highest, sketch, inside, largest, largest_units: Centres, bins and limits; ``(atoms,
             SUMS)`` partial sums, without rows nothing is counted; ``(8,)``; ``(8,)``; ``(8 · COLUMNS,)``; ``(S,)``;
             ``(2, LARGEST)`` and their units. The last six are updated.
@@ -1504,11 +1504,11 @@ def run(
                 # the rest of the last tile repeats a sample, so that its values are valid
                 for i in range(size, TILE):
                     w[offset + _U(i)] = given[k, begin]
-        if kept_components.shape[1]:
+        if component_output.shape[1]:
             for k in range(components):
                 offset = _U(k * STRIDE)
                 for i in range(size):
-                    kept_components[k, begin + i] = w[offset + _place_of(i, sampled)]
+                    component_output[k, begin + i] = w[offset + _place_of(i, sampled)]
         if stage == DRAW:
             continue
         # a failure in an unrequested sample does not stop the run
@@ -1527,11 +1527,11 @@ def run(
             sample = _not_finite(s, skipped, size, sampled)
             if sample >= 0:
                 return NOT_FINITE, begin + sample
-        if kept_errors.shape[1]:
+        if error_output.shape[1]:
             for c in range(6):
                 offset = _U((c + 1 + c // 3) * STRIDE)
                 for i in range(size):
-                    kept_errors[c, begin + i] = s[offset + _place_of(i, sampled)]
+                    error_output[c, begin + i] = s[offset + _place_of(i, sampled)]
         if counted:
             _keep_largest(s, size, first + _U(begin), largest, largest_units)
             _count_inside(s, size, counting, inside)

@@ -66,15 +66,15 @@ def _list_common_jobs(unused: str) -> list[Job]:
 def begin_compiling() -> None:
     """Start compiling the exact model's parts in worker processes if the cache is empty; a first use waits."""
     # the cache is recognised by its file names alone, because numba takes long to load
-    beside = Path(__file__).parent / "__pycache__"
-    folder = Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else beside
+    own_cache = Path(__file__).parent / "__pycache__"
+    folder = Path(os.environ["NUMBA_CACHE_DIR"]) if os.environ.get("NUMBA_CACHE_DIR") else own_cache
     index = f"loops.run-*.py{sys.version_info.major}{sys.version_info.minor}.nbi"
     try:
         is_there = any(folder.glob(index)) or any(folder.glob(f"*/{index}"))
-        is_ours = folder != beside or os.access(beside if beside.is_dir() else beside.parent, os.W_OK)
+        is_writable = folder != own_cache or os.access(own_cache if own_cache.is_dir() else own_cache.parent, os.W_OK)
     except OSError:
         return
-    if is_ours and not is_there:
+    if is_writable and not is_there:
         begin_jobs(_list_common_jobs("_superpose"))
 
 

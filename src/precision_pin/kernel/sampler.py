@@ -47,7 +47,7 @@ _UPPER: Final = np.triu_indices(6)
 
 
 class ModelAtPose(Protocol):
-    """What the kernel needs of an error model at a pose: its terms and draws."""
+    """Error model at a pose as the kernel reads it: its terms and draws."""
 
     @property
     def table(self) -> TermTable:
@@ -86,9 +86,9 @@ class Blocks:
 
     def add_to(self, state: State) -> State:
         """Return the state with these blocks added; in block order, the bits do not depend on the grouping."""
-        before = np.concatenate([state.sums, state.products[_UPPER], state.norm_squares])
+        previous = np.concatenate([state.sums, state.products[_UPPER], state.norm_squares])
         # one block after another: np.sum would add pairwise
-        sums = np.add.accumulate(np.vstack([before, self.sums]), axis=0)[-1]
+        sums = np.add.accumulate(np.vstack([previous, self.sums]), axis=0)[-1]
         products = np.empty((6, 6))
         products[_UPPER] = products.T[_UPPER] = sums[8:29]
         largest, units = largest_of(state.largest, state.largest_units, self.largest, self.largest_units)
@@ -153,7 +153,7 @@ def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: in
     root, and the same numbers within a few units in the last place for all others. Raises InputError for a wrong seed,
     unit, pose or visit.
     """
-    return _keep(layout, loops.DRAW, "components", layout.space.size, _Units(seed, first, 0, count, pose, visit))
+    return _evaluate(layout, loops.DRAW, "components", layout.space.size, _Units(seed, first, 0, count, pose, visit))
 
 
 def errors(
@@ -171,7 +171,7 @@ def errors(
         InputError: A wrong seed, unit, pose, visit or model; or, for one of the units, a formula that fails, a target
             that turns by π or more, an error that is not finite.
     """
-    return _keep(layout, stage_of(model), "errors", 6, _Units(seed, first, 0, count, pose, visit))
+    return _evaluate(layout, stage_of(model), "errors", 6, _Units(seed, first, 0, count, pose, visit))
 
 
 def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
@@ -184,16 +184,16 @@ def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
         raise InputError("x holds a value that is not a finite number")
     if values.ndim != 2 or values.shape[0] != layout.space.size:
         raise InputError(f"x has shape {values.shape}, expected ({layout.space.size}, N): rows as in model.space")
-    kept = np.empty((6, values.shape[1]))
+    output = np.empty((6, values.shape[1]))
     motions = layout.motions
-    inside = (values >= layout.lowest[:, None]) & (values <= layout.highest[:, None])
-    if not inside.all():
+    is_inside = (values >= layout.lowest[:, None]) & (values <= layout.highest[:, None])
+    if not is_inside.all():
         # the short series are valid within the bounds of the laws only
         series = np.full_like(motions.series, loops.WIDE)
         series.flags.writeable = False
         motions = motions._replace(series=series)
-    _run(layout, stage_of(model), _Units(count=values.shape[1]), given=values, errors=kept, motions=motions)
-    return kept
+    _run(layout, stage_of(model), _Units(count=values.shape[1]), given=values, errors=output, motions=motions)
+    return output
 
 
 def observe_blocks(
@@ -275,20 +275,20 @@ class _Units:
 _ONE_UNIT: Final = _Units()
 
 
-def _keep(layout: SamplerArrays, stage: int, name: str, rows: int, units: _Units) -> Array:
+def _evaluate(layout: SamplerArrays, stage: int, name: str, rows: int, units: _Units) -> Array:
     """Return the components or errors ``(rows, count)`` of some units."""
     first, count = units.first, units.count
-    whole = isinstance(first, int | np.integer) and isinstance(count, int | np.integer)
-    if not whole or first < 0 or count < 0 or first + count > MOST_UNITS:
+    is_integer = isinstance(first, int | np.integer) and isinstance(count, int | np.integer)
+    if not is_integer or first < 0 or count < 0 or first + count > MOST_UNITS:
         raise InputError(
             f"{count!r} units from {first!r} on: both must be whole numbers, and units are numbered from 0 to 2^63 - 1"
         )
     check_memory(8.0 * rows * count, f"keeping {rows} numbers for each of {count:,} robots", "request fewer at a time")
     # always whole tiles, so that a unit's numbers do not depend on the first unit of the call
     skip = int(first) % loops.TILE
-    kept = np.empty((rows, skip + count))
-    _run(layout, stage, replace(units, first=first - skip, skip=skip, count=skip + count), **{name: kept})
-    return kept[:, skip:]
+    output = np.empty((rows, skip + count))
+    _run(layout, stage, replace(units, first=first - skip, skip=skip, count=skip + count), **{name: output})
+    return output[:, skip:]
 
 
 def allocate_scratch() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
@@ -302,24 +302,24 @@ def allocate_scratch() -> tuple[Array, NDArray[np.uint32], NDArray[np.uint64]]:
 
 def allocate_rows(rows: int) -> Array:
     """Return an array for rows, aligned to 64 bytes: a vector load across two cache lines costs twice as much."""
-    longer = np.zeros(rows * loops.STRIDE + 8)
-    begin = -longer.ctypes.data // 8 % 8
-    return longer[begin : begin + rows * loops.STRIDE]
+    buffer = np.zeros(rows * loops.STRIDE + 8)
+    begin = -buffer.ctypes.data // 8 % 8
+    return buffer[begin : begin + rows * loops.STRIDE]
 
 
-def _run(layout: SamplerArrays, stage: int, units: _Units, **given: Any) -> None:
+def _run(layout: SamplerArrays, stage: int, units: _Units, **arrays: Any) -> None:
     """Run the compiled loops with the arguments of `_arguments`; raise an error if they stop."""
     check_seed(units.seed)
     # before the return for an empty range, so that wrong poses and visits are rejected in any case
-    arguments = _arguments(layout, stage, units, **given)
+    arguments = _arguments(layout, stage, units, **arrays)
     if not units.count:
         return
     # None, not False: the code of the other model is then not compiled
     linear: loops.Wanted = True if stage == loops.LINEAR else None
-    ahead = partial(compile_parts, layout.rare, linear, "warm_up")
-    reason, where = map(int, call(loops.run, arguments, (layout.rare, linear), ahead))
+    compile_ahead = partial(compile_parts, layout.rare, linear, "warm_up")
+    reason, unit = map(int, call(loops.run, arguments, (layout.rare, linear), compile_ahead))
     if reason:
-        raise InputError(f"sample {units.first + where}: {REASONS[reason]}")
+        raise InputError(f"sample {units.first + unit}: {REASONS[reason]}")
 
 
 def _arguments(
@@ -407,10 +407,10 @@ class JoinedTables:
             )
         varying = _find_varying(first)
         unit_formulas, formulas = _split_formulas(first.formulas, varying)
-        every = [getattr(first.draws, name) for name in first.draws._fields if name.endswith("_rows")]
+        draw_rows = [getattr(first.draws, name) for name in first.draws._fields if name.endswith("_rows")]
         return cls(
             layouts=tuple(layouts),
-            unit_draws=_select_draws(first.draws, np.setdiff1d(np.concatenate(every), varying)),
+            unit_draws=_select_draws(first.draws, np.setdiff1d(np.concatenate(draw_rows), varying)),
             unit_formulas=unit_formulas,
             draws=_select_draws(first.draws, varying),
             formulas=formulas,
@@ -427,15 +427,15 @@ class JoinedTables:
         return np.concatenate(columns, axis=1).astype(np.uint64)
 
 
-def is_alike(one: SamplerArrays, other: SamplerArrays) -> bool:
+def is_alike(first: SamplerArrays, second: SamplerArrays) -> bool:
     """Return whether the arrays of two poses have the same draws and formulas in the same rows."""
-    if one.draws is other.draws and one.formulas is other.formulas:
+    if first.draws is second.draws and first.formulas is second.formulas:
         return True
-    pairs = [*zip(one.draws, other.draws, strict=True), *zip(one.formulas, other.formulas, strict=True)]
+    pairs = [*zip(first.draws, second.draws, strict=True), *zip(first.formulas, second.formulas, strict=True)]
     return (
-        one.rows == other.rows
-        and one.targets == other.targets
-        and one.space.draws == other.space.draws
+        first.rows == second.rows
+        and first.targets == second.targets
+        and first.space.draws == second.space.draws
         and all(np.array_equal(a, b) for a, b in pairs)
     )
 
@@ -446,7 +446,7 @@ def is_alike(one: SamplerArrays, other: SamplerArrays) -> bool:
 def _find_varying(layout: SamplerArrays) -> loops.Offsets:
     """Return the rows that differ between poses: draws of pose and visit scope, and results computed from them."""
     space = layout.space
-    found = {
+    rows = {
         component * loops.STRIDE
         for draw, columns in zip(space.draws, space.slices, strict=True)
         if draw.scope is not Scope.UNIT
@@ -460,14 +460,14 @@ def _find_varying(layout: SamplerArrays) -> loops.Offsets:
         ]
     )
     for left, right, result in steps.tolist():
-        if left in found or right in found:
-            found.add(result)
-    return np.array(sorted(found), dtype=np.uint64)
+        if left in rows or right in rows:
+            rows.add(result)
+    return np.array(sorted(rows), dtype=np.uint64)
 
 
 def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:
-    kept = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
-    chosen = {field: getattr(draws, field)[kept[name]] for name in BESIDE for field in (name, *BESIDE[name])}
+    is_selected = {name: np.isin(getattr(draws, name), rows) for name in BESIDE}
+    fields = {field: getattr(draws, field)[is_selected[name]] for name in BESIDE for field in (name, *BESIDE[name])}
     groups = [
         k for k, (begin, _) in enumerate(pairwise(draws.group_starts.tolist())) if draws.group_rows[begin] in rows
     ]
@@ -476,7 +476,7 @@ def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:
     line_starts, lines = _select_runs(draws.empirical_starts, draws.empirical, laws)
     parts = {
         **draws._asdict(),
-        **chosen,
+        **fields,
         "group_starts": group_starts,
         "group_rows": group_rows,
         "group_roots": draws.group_roots[groups],
@@ -487,10 +487,10 @@ def _select_draws(draws: loops.Draws, rows: loops.Offsets) -> loops.Draws:
 
 
 def _select_runs(
-    starts: loops.Offsets, values: NDArray[Any], chosen: Sequence[int]
+    starts: loops.Offsets, values: NDArray[Any], indices: Sequence[int]
 ) -> tuple[loops.Offsets, NDArray[Any]]:
     """Return starts and values of the chosen runs ``values[starts[k] … starts[k + 1]]``."""
-    runs = [values[int(starts[k]) : int(starts[k + 1])] for k in chosen]
+    runs = [values[int(starts[k]) : int(starts[k + 1])] for k in indices]
     return np.cumsum([0, *map(len, runs)]).astype(np.uint64), np.concatenate([values[:0], *runs])
 
 
@@ -500,17 +500,17 @@ def _split_formulas(formulas: loops.Formulas, varying: loops.Offsets) -> tuple[l
 
     def part(of_steps: NDArray[np.bool_], of_products: NDArray[np.bool_]) -> loops.Formulas:
         fields = formulas._asdict().items()
-        chosen = (values[of_products if name.startswith("product") else of_steps] for name, values in fields)
-        return loops.Formulas(*map(_freeze_copy, chosen))
+        selected_values = (values[of_products if name.startswith("product") else of_steps] for name, values in fields)
+        return loops.Formulas(*map(_freeze_copy, selected_values))
 
     return part(~steps, ~products), part(steps, products)
 
 
 def _freeze_copy(array: NDArray[Any]) -> NDArray[Any]:
     """Return a read-only copy of an array: to numba a writeable array is another type."""
-    own = np.array(array, order="C")
-    own.flags.writeable = False
-    return own
+    copy = np.array(array, order="C")
+    copy.flags.writeable = False
+    return copy
 
 
 # concatenation of poses ----------------------------------------------------------------------------------------------
@@ -525,17 +525,17 @@ def _join_entries(parts: Sequence[loops.Superposition | loops.Motions]) -> dict[
 
 def _join_superpositions(layouts: Sequence[SamplerArrays]) -> loops.Superposition:
     parts = [layout.superposition for layout in layouts]
-    before = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
-    starts = [part.starts[:-1] + begin for part, begin in zip(parts, before[:-1], strict=True)]
-    return loops.Superposition(**_join_entries(parts), starts=_freeze_copy(np.concatenate([*starts, before[-1:]])))
+    offsets = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
+    starts = [part.starts[:-1] + begin for part, begin in zip(parts, offsets[:-1], strict=True)]
+    return loops.Superposition(**_join_entries(parts), starts=_freeze_copy(np.concatenate([*starts, offsets[-1:]])))
 
 
 def _join_motions(layouts: Sequence[SamplerArrays]) -> loops.Motions:
     parts = [layout.motions for layout in layouts]
 
     def starts(name: str, rows: str) -> loops.Offsets:
-        before = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
-        return np.stack([getattr(part, name) for part in parts]) + before[:, None]
+        offsets = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
+        return np.stack([getattr(part, name) for part in parts]) + offsets[:, None]
 
     return loops.Motions(
         **_join_entries(parts),
@@ -612,7 +612,7 @@ def observe_norms(
     sums = np.zeros((poses, -(-count // BLOCK), loops.SUMS))
     lowest, highest = np.full((poses, 8), np.inf), np.full((poses, 8), -np.inf)
     sketch = np.zeros((poses, 2 * loops.NORM_COLUMNS), dtype=np.uint32)
-    inside = np.zeros((poses, len(specifications)), dtype=np.int64)
+    counts = np.zeros((poses, len(specifications)), dtype=np.int64)
     variant = (joined.layouts[0].rare, linear)
     arguments = (
         *allocate_scratch(),
@@ -638,14 +638,14 @@ def observe_norms(
         lowest,
         highest,
         sketch,
-        inside,
+        counts,
     )
-    ahead = partial(compile_parts, *variant, "warm_up_poses")
-    reason, pose, where = map(int, call(loops.run_poses, arguments, variant, ahead))
+    compile_ahead = partial(compile_parts, *variant, "warm_up_poses")
+    reason, pose, unit = map(int, call(loops.run_poses, arguments, variant, compile_ahead))
     if reason:
-        raise InputError(f"pose {first_pose + pose}, sample {first + where}: {REASONS[reason]}")
+        raise InputError(f"pose {first_pose + pose}, sample {first + unit}: {REASONS[reason]}")
     return NormBlocks(
-        count, lowest[:, NORMS], highest[:, NORMS], sums, sketch.reshape(-1, 2, loops.NORM_COLUMNS), inside
+        count, lowest[:, NORMS], highest[:, NORMS], sums, sketch.reshape(-1, 2, loops.NORM_COLUMNS), counts
     )
 
 

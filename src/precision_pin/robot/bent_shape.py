@@ -19,7 +19,7 @@ _MEAN_NODES, _MEAN_WEIGHTS = np.polynomial.legendre.leggauss(3)
 _ALONG: Final = np.array([[1, 0, 0, 0, 0], [4, -4, 0, 0, 0]])
 _ACROSS: Final = np.array([[0, 3, -2, 0, 0], [0, -1, 1, 0, 0], [0, 16, -32, 16, 0], [0, -8, 32, -40, 16]])
 """Factors of s to s⁵, s = reach / length: for growth of end and bow; for shift and slope of the end and of the bow."""
-_POWERS: Final = np.arange(1, 6)
+_POWERS: Final = np.arange(1, 6)  # of s
 NO_LENGTH: Final = 1e-9
 """Fraction of a link's length up to which a stretch counts as a point, and what ends short of the end as at the end."""
 _NEXT: Final = [1, 2, 0]
@@ -56,7 +56,7 @@ class BentShape:
         return BentShape(rotation @ self.far_end, end, bow, rotation @ self.shift)
 
     def displacement(self, reach: ArrayLike) -> Array:
-        """Return displacements by loads ``(..., 6)`` at ``reach`` ``(...)`` (m); beyond an end, that of the end."""
+        """Return displacements by loads ``(..., 6)`` at ``reach`` ``(...)`` (m); constant beyond an end."""
         s = np.clip(np.asarray(reach, dtype=float) / self.length, 0.0, 1.0)
         return np.asarray(s[..., None] ** _POWERS @ self._polynomial)
 
@@ -79,10 +79,10 @@ class BentShape:
         which shortens a bent beam, plus the displacement that δ causes along the beam.
         """
         x, weights = _nodes(0.0, self.length / 2, self.length)
-        turn = self.displacement(x)[:, 3:]
-        total = self._moved(_cross(self.slope(x), turn) / 2, x, weights)
-        shorter = weights[:, None] * _cross(turn, turn @ self._across) / 2
-        total[:, :3] += shorter.sum(axis=0), shorter[x < self.length / 2].sum(axis=0)
+        rotation = self.displacement(x)[:, 3:]
+        total = self._integrate(_cross(self.slope(x), rotation) / 2, x, weights)
+        shortening = weights[:, None] * _cross(rotation, rotation @ self._across) / 2
+        total[:, :3] += shortening.sum(axis=0), shortening[x < self.length / 2].sum(axis=0)
         return total
 
     def bending(self, wrench: Array, loaded: tuple[float, float], part: tuple[float, float]) -> Array:
@@ -106,13 +106,13 @@ class BentShape:
         moment = (x - (begin + stop) / 2)[:, None] * (force @ self._across)
         if at_point:
             moment = moment + wrench[3:]
-        here = self.displacement(x)
+        section = self.displacement(x)
         at_end = at_point and stop > (1 - NO_LENGTH) * self.length
-        beyond = self.shift if at_end else self.mean_displacement(begin, stop)[..., :3]
-        more = _cross(beyond - here[:, :3], force) - _cross(here[:, 3:], moment)
+        load_point = self.shift if at_end else self.mean_displacement(begin, stop)[..., :3]
+        bending_moment = _cross(load_point - section[:, :3], force) - _cross(section[:, 3:], moment)
         about = np.eye(3)[:, None, :]
-        turn = about * more.T[:, :, None] + _cross(here[:, 3:], about) * moment.T[:, :, None]
-        return self._moved(turn, x, weights)
+        curvature = about * bending_moment.T[:, :, None] + _cross(section[:, 3:], about) * moment.T[:, :, None]
+        return self._integrate(curvature, x, weights)
 
     @cached_property
     def _along(self) -> Array:
@@ -130,17 +130,17 @@ class BentShape:
         along = (parts @ x)[:, None] * x
         across = parts - along
         across[1::2] = self.length * across[1::2] @ self._across
-        bent = _ACROSS.T @ across
-        turned = np.zeros((5, 3))
-        turned[:4] = bent[1:] * (-_POWERS[1:, None] / self.length) @ self._across
-        return np.concatenate([bent + _ALONG.T @ along[::2], turned + _ALONG.T @ along[1::2]], axis=1)
+        bending_rows = _ACROSS.T @ across
+        rotation_rows = np.zeros((5, 3))
+        rotation_rows[:4] = bending_rows[1:] * (-_POWERS[1:, None] / self.length) @ self._across
+        return np.concatenate([bending_rows + _ALONG.T @ along[::2], rotation_rows + _ALONG.T @ along[1::2]], axis=1)
 
-    def _moved(self, turn: Array, x: Array, weights: Array) -> Array:
+    def _integrate(self, curvature: Array, x: Array, weights: Array) -> Array:
         """Return displacements ``(2, ..., 6)`` of end and middle by weighted rotations ``(..., N, 3)`` at ``x`` ``(N,)``."""
         lever = np.array([[self.length], [self.length / 2]]) - x
         share = weights * (lever > 0)
-        turned = np.tensordot([share * lever, share], turn, axes=(2, -2))
-        return np.concatenate([turned[0] @ self._across, turned[1]], axis=-1)
+        moments = np.tensordot([share * lever, share], curvature, axes=(2, -2))
+        return np.concatenate([moments[0] @ self._across, moments[1]], axis=-1)
 
 
 def middle_of(length: float) -> Array:
@@ -157,6 +157,6 @@ def _nodes(*cuts: float) -> tuple[Array, Array]:
     return (np.array(cuts[:-1])[:, None] + half * (1 + _NODES)).ravel(), (half * _WEIGHTS).ravel()
 
 
-def _cross(one: Array, other: Array) -> Array:
+def _cross(first: Array, second: Array) -> Array:
     """Return vector products ``(..., 3)``; for few vectors faster than numpy's cross."""
-    return one[..., _NEXT] * other[..., _AFTER] - one[..., _AFTER] * other[..., _NEXT]
+    return first[..., _NEXT] * second[..., _AFTER] - first[..., _AFTER] * second[..., _NEXT]

@@ -142,25 +142,25 @@ class Chain(Fixed):
     ) -> Chain:
         """Extract the chain of a ``pinocchio.Model`` and the URDF that it was built from, as for :meth:`from_urdf`.
 
-        The model may be reduced: joints that it lacks are locked, at zero unless ``locked`` says otherwise. Gravity is
+        The model may be reduced: joints that it lacks are locked, at zero unless ``locked`` gives a value. Gravity is
         by default the model's, at its neutral configuration. Masses are those of the URDF.
 
         Raises:
             InputError: As :meth:`from_urdf`; or the model has the tip at another place than the URDF.
         """
         robot = _read(urdf)
-        whole = cls.from_robot(robot, tip, base, EARTH, locked)
-        moving = [name for name in whole.joint_names if name in set(getattr(model, "names", ()))]
-        lacking = {name: 0.0 for name in whole.joint_names if name not in moving}
-        down, places = model_poses(model, moving, whole.base, whole.tip)
-        held = lacking | dict(locked or {})
-        chain = cls.from_robot(robot, tip, base, down.tolist() if gravity is None else gravity, held)
+        full = cls.from_robot(robot, tip, base, EARTH, locked)
+        moving = [name for name in full.joint_names if name in set(getattr(model, "names", ()))]
+        lacking = {name: 0.0 for name in full.joint_names if name not in moving}
+        down, places = model_poses(model, moving, full.base, full.tip)
+        locks = lacking | dict(locked or {})
+        chain = cls.from_robot(robot, tip, base, down.tolist() if gravity is None else gravity, locks)
         for values, pose in places:
             if (apart := float(np.abs(chain.at(values).pose - pose).max())) > 1e-6:
-                held_at = f"; joints that the model lacks are locked at {held}, locked= changes that" if held else ""
+                note = f"; joints that the model lacks are locked at {locks}, locked= changes that" if locks else ""
                 raise InputError(
-                    f"the Pinocchio model has {whole.tip!r} {apart:.3g} away (m, or entries of a rotation) from where the URDF "
-                    f"has it{held_at}"
+                    f"the Pinocchio model has {full.tip!r} {apart:.3g} away (m, or entries of a rotation) from where the URDF "
+                    f"has it{note}"
                 )
         return chain
 
@@ -189,8 +189,8 @@ class Chain(Fixed):
             tip = robot.leaves[0]
         robot.link(arguments.check_text("the name of the tip link", tip))
         rooted = rerooted(robot, base) if base is not None and base != robot.root else robot
-        way = rooted.path(rooted.root, tip)
-        joints = tuple(joint for joint in way if joint.kind != "fixed" and joint.name not in (locked or {}))
+        joint_path = rooted.path(rooted.root, tip)
+        joints = tuple(joint for joint in joint_path if joint.kind != "fixed" and joint.name not in (locked or {}))
         if not joints:
             raise InputError(f"no joint moves between {rooted.root!r} and {tip!r}; choose another base or tip")
         for joint in joints:
@@ -226,7 +226,7 @@ class Chain(Fixed):
 
     @property
     def collision_notes(self) -> tuple[Finding, ...]:
-        """What a collision check assumes and leaves out."""
+        """Assumptions and omissions of the collision check."""
         notes = () if self.collision_check is None else self.collision_check.notes
         return tuple(Finding("note", "N_COLLISION", note, self.robot.file) for note in notes)
 
@@ -245,13 +245,13 @@ class Chain(Fixed):
 
         After the chain's joints: those locked between base and tip, and those that mimic a joint of the chain.
         """
-        joints, rows, known = [*self.joints], [*values], dict(zip(self.joint_names, values, strict=True))
-        way = self.robot.path(self.base, self.tip)
+        joints, rows, value_of = [*self.joints], [*values], dict(zip(self.joint_names, values, strict=True))
+        joint_path = self.robot.path(self.base, self.tip)
         for joint in self.robot.joints:
-            if joint in way and joint.name in self.locked:
+            if joint in joint_path and joint.name in self.locked:
                 rows.append(np.full(values.shape[1], self.locked[joint.name]))
-            elif joint.mimic is not None and joint.mimic.joint in known:
-                rows.append(joint.mimic.multiplier * known[joint.mimic.joint] + joint.mimic.offset)
+            elif joint.mimic is not None and joint.mimic.joint in value_of:
+                rows.append(joint.mimic.multiplier * value_of[joint.mimic.joint] + joint.mimic.offset)
             joints += [joint] * (len(rows) - len(joints))
         return Configurations(tuple(joints)), np.array(rows)
 
@@ -303,15 +303,15 @@ class Chain(Fixed):
             InputError: The mass is negative, or a number is missing or not finite.
             UnknownNameError: The robot has no such link.
         """
-        where = self.link_frame(self.tip if at is None else at)
+        frame = self.link_frame(self.tip if at is None else at)
         needs = "three finite numbers, in m or with a unit"
         lever = arguments.check_quantities("the centre of a payload", centre, LENGTH, (3,), needs)
         mass = arguments.check_quantity(
             "the mass of a payload", mass, MASS, "zero or more and finite", lambda kg: kg >= 0
         )
         moments = ((mass * np.array([1.0, *lever]), ()),)
-        load = Load(where.link, where.frame, where.entry(lever), along=False, moments=moments)
-        model = self.pinocchio.with_mass(where.link - 1, where.frame, mass, lever)
+        load = Load(frame.link, frame.frame, frame.entry(lever), along=False, moments=moments)
+        model = self.pinocchio.with_mass(frame.link - 1, frame.frame, mass, lever)
         return replace(self, loads=(*self.loads, load), pinocchio=model)
 
     def __repr__(self) -> str:
@@ -320,15 +320,15 @@ class Chain(Fixed):
         return f"<Chain of {file!r}, {self.base!r} to {self.tip_label!r}: joints {joints}>"
 
     def _repr_html_(self) -> str:
-        """Return the notebook view: the joints with their limits, and the pose of each in the one before."""
-        still = ", ".join(f"{name} {value:.6g}" for name, value in self.locked.items())
+        """Return the notebook view: the joints with their limits, and the pose of each in the previous joint."""
+        locked = ", ".join(f"{name} {value:.6g}" for name, value in self.locked.items())
         return rendered(
             f"{os.path.basename(self.robot.file)}: {self.base} to {self.tip_label}, {len(self.joints)} joints",
             [joint_table(self.joints, self.placements, self.tip)],
             [
                 "x y z, roll pitch yaw: pose of a joint's frame in the one before it, for joint values of zero",
                 f"gravity {spaced(self.gravity)} m/s², base axes",
-                *([f"locked (rad, m): {still}"] if still else []),
+                *([f"locked (rad, m): {locked}"] if locked else []),
             ],
         )
 
@@ -415,13 +415,13 @@ class Chain(Fixed):
 
         Raises `InputError` for a link on a branch: moving it does not move the tip.
         """
-        where = self.link_frame(name)
-        if where.path_rank is None:
+        frame = self.link_frame(name)
+        if frame.path_rank is None:
             path = f"the path from {self.base!r} to {self.tip!r}"
             raise InputError(f"{name!r} is not on {path}: moving it does not move the tip")
         if name == self.tip:
-            return self.end(where.link)
-        return Place.along(where.link, where.path_rank, name, where.frame)
+            return self.end(frame.link)
+        return Place.along(frame.link, frame.path_rank, name, frame.frame)
 
     def axis_alignment(self, joint: int) -> Array:
         """Return the smallest rotation of a joint's z onto its axis in the file; for -z half a turn about x."""
@@ -436,8 +436,8 @@ class Chain(Fixed):
 
     @cached_property
     def _places(self) -> tuple[tuple[Place, Place], ...]:
-        far = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
-        return tuple(Place.far_end(link, name, frame) for link, (name, frame) in far)
+        far_ends = enumerate(zip((*self.joint_names, self.tip), self.placements, strict=True))
+        return tuple(Place.far_end(link, name, frame) for link, (name, frame) in far_ends)
 
     @cached_property
     def _written_alignments(self) -> tuple[Array, ...]:
@@ -452,8 +452,8 @@ class Chain(Fixed):
         carried = np.zeros((len(placements), 4))
         for load in self.loads:
             for moments, _ in load.moments:  # without factors
-                turned = load.frame[:3, :3] @ moments[1:] + moments[0] * load.frame[:3, 3]
-                carried[load.link] += [moments[0], *turned]
+                rotated = load.frame[:3, :3] @ moments[1:] + moments[0] * load.frame[:3, 3]
+                carried[load.link] += [moments[0], *rotated]
         return ChainConstants(
             axes=self.axes,
             slides=np.array(self.prismatic),
@@ -568,16 +568,16 @@ class Posture:
         wrenches = np.zeros((len(self.chain.joints) + 1, 6))
         for i, wrench in enumerate(self._statics[1]):
             end = self.link_poses[i] @ self.chain.placements[i]
-            turn = end[:3, :3].T @ self.joint_poses[i][:3, :3]
+            rotation = end[:3, :3].T @ self.joint_poses[i][:3, :3]
             shift = end[:3, :3].T @ (self.joint_poses[i][:3, 3] - end[:3, 3])
-            force = turn @ wrench[:3]
-            wrenches[i] = np.concatenate([force, turn @ wrench[3:] + np.cross(shift, force)])
+            force = rotation @ wrench[:3]
+            wrenches[i] = np.concatenate([force, rotation @ wrench[3:] + np.cross(shift, force)])
         return wrenches
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Warnings: joint values outside their limits, and locked mimic joints that should follow."""
-        found = []
+        findings = []
         values = dict(zip(self.chain.joint_names, self.q, strict=True)) | dict(self.chain.locked)
         file = self.chain.robot.file
         for joint in self.chain.robot.joints:
@@ -590,17 +590,17 @@ class Posture:
                     f"joint {joint.name} mimics {mimic.joint}, so it would be at {due:.6g} here, but it is locked at "
                     f"{values[joint.name]:.6g}, with the weight beyond it; lock it at another value if that matters"
                 )
-                found.append(Finding("warning", "W_MIMIC", message, file, joint.line))
-        limited, at = self.chain.limited(self.q[:, None])
-        for k in np.flatnonzero(limited.outside(at)):
+                findings.append(Finding("warning", "W_MIMIC", message, file, joint.line))
+        limited, limited_q = self.chain.limited(self.q[:, None])
+        for k in np.flatnonzero(limited.outside(limited_q)):
             joint = limited.joints[k]
             assert joint.limit is not None
             scale, unit = (1.0, "m") if joint.kind == "prismatic" else (180 / np.pi, "deg")
-            actual, low, high = (f"{scale * x:.6g}" for x in (at[k, 0], joint.limit.lower, joint.limit.upper))
+            actual, low, high = (f"{scale * x:.6g}" for x in (limited_q[k, 0], joint.limit.lower, joint.limit.upper))
             message = f"joint {joint.name} at {actual} {unit} is outside its limits {low} to {high} {unit}"
-            message += limited.wrap_hint(int(k), at)
-            found.append(Finding("warning", "W_JOINT_LIMIT", message, file, joint.line))
-        return (*found, *_collision_findings(self.chain, self.q[:, None], ()))
+            message += limited.wrap_hint(int(k), limited_q)
+            findings.append(Finding("warning", "W_JOINT_LIMIT", message, file, joint.line))
+        return (*findings, *_collision_findings(self.chain, self.q[:, None], ()))
 
     def __repr__(self) -> str:
         chain, file = self.chain, os.path.basename(self.chain.robot.file)
@@ -634,16 +634,16 @@ class Posture:
 
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
         """Return the wrench ``(6[, P])`` of loads about a point, base axes, by the parameters that multiply it."""
-        known = self._weights
-        weights = [known.get(load) or weigh([load], [self.carrier(load)])[load] for load in loads]
+        cached = self._weights
+        weights = [cached.get(load) or weigh([load], [self.carrier(load)])[load] for load in loads]
         return wrench_on(weights, self.chain.gravity, self.tilts, point)
 
     def torque_on(self, joint: int) -> dict[Factors, Any]:
         """Return the loads' torque or force on a joint (0-based), N·m or N, number or ``(P,)``, by the parameters."""
         joint = self.chain.joint_number(joint)
-        beyond = [load for load in self.loads if load.link > joint]
+        outer_loads = [load for load in self.loads if load.link > joint]
         frame = self.loaded_link_poses[joint + 1]
-        wrenches = self.wrench_on(beyond, frame[:3, 3])
+        wrenches = self.wrench_on(outer_loads, frame[:3, 3])
         axis = se3.turn(frame[:3, :3], self.chain.axes[joint])
         return torque_on(axis, bool(self.chain.prismatic[joint]), wrenches)
 
@@ -668,7 +668,7 @@ def _read(source: object) -> Robot:
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:
-    """Return the table of n joints and the tip: limits, and placements ``(n+1, 4, 4)`` in the one before."""
+    """Return the table of n joints and the tip: limits, and placements ``(n+1, 4, 4)`` in the previous joint."""
     rows: list[tuple[str, ...]] = [
         (joint.name, joint.kind, spaced(np.array(joint.axis)), _limits(joint), *_placement(placement))
         for joint, placement in zip(joints, placements[:-1], strict=True)
@@ -686,13 +686,13 @@ def _limits(joint: Joint) -> str:
 
 def _placement(pose: Array) -> tuple[str, str]:
     """Return a pose's position in mm, and roll, pitch and yaw in degrees; roll is zero at a pitch of ±90°."""
-    turn = pose[:3, :3]
-    level = math.hypot(turn[0, 0], turn[1, 0])
-    pitch = math.atan2(-turn[2, 0], level)
+    rotation = pose[:3, :3]
+    level = math.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = math.atan2(-rotation[2, 0], level)
     if level > 1e-9:
-        roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])
+        roll, yaw = math.atan2(rotation[2, 1], rotation[2, 2]), math.atan2(rotation[1, 0], rotation[0, 0])
     else:
-        roll, yaw = 0.0, math.atan2(-turn[0, 1], turn[1, 1])
+        roll, yaw = 0.0, math.atan2(-rotation[0, 1], rotation[1, 1])
     return spaced(1e3 * pose[:3, 3]), spaced(np.degrees((roll, pitch, yaw)))
 
 
@@ -705,50 +705,50 @@ def chain_findings(chain: Chain) -> tuple[Finding, ...]:
     """Return the warnings about a chain's URDF, those about links and joints off the chain in one line."""
     # the warning about several leaves is dropped, since the chain's tip is known
     findings = [finding for finding in chain.robot.findings if finding.code != "W_BRANCHED"]
-    way = chain.robot.path(chain.base, chain.tip)
-    on_path = _named([chain.base, *(joint.child for joint in way)], way)
-    # what a joint of the chain moves
-    moved = {name for name, frame in chain.link_frames.items() if frame.link > 0}
-    loads = _named(moved, [joint for joint in chain.robot.joints if joint.child in moved])
+    joint_path = chain.robot.path(chain.base, chain.tip)
+    on_path = _subjects([chain.base, *(joint.child for joint in joint_path)], joint_path)
+    # links that a joint of the chain moves
+    moved_links = {name for name, frame in chain.link_frames.items() if frame.link > 0}
+    loads = _subjects(moved_links, [joint for joint in chain.robot.joints if joint.child in moved_links])
 
     def concerns_chain(finding: Finding) -> bool:
         # a warning that is about anything else too concerns the chain
-        named = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
-        subjects = {f"{one[1]} {one[2]}" for one in named if one is not None} if all(named) else set()
+        matches = [_ABOUT_ONE.match(text) for text in finding.subjects or (finding.message,)]
+        subjects = {f"{match[1]} {match[2]}" for match in matches if match is not None} if all(matches) else set()
         return not subjects or bool(subjects & (on_path | loads if finding.code in _OF_A_LOAD else on_path))
 
-    off = [finding for finding in findings if not concerns_chain(finding)]
-    if len(off) < 2:
+    other_findings = [finding for finding in findings if not concerns_chain(finding)]
+    if len(other_findings) < 2:
         return tuple(findings)
     file = chain.robot.file
-    counts = Counter(finding.code for finding in off)
+    counts = Counter(finding.code for finding in other_findings)
     codes = ", ".join(code if count == 1 else f"{count} {code}" for code, count in sorted(counts.items()))
-    summed = f"{len(off)} warnings about links and joints off the chain ({codes})"
-    message = f"{summed}; precision-pin check {shlex.quote(file)} lists them"
+    count_text = f"{len(other_findings)} warnings about links and joints off the chain ({codes})"
+    message = f"{count_text}; precision-pin check {shlex.quote(file)} lists them"
     return (*filter(concerns_chain, findings), Finding("warning", "W_OFF_CHAIN", message, file))
 
 
-def _named(links: Iterable[str], joints: Iterable[Joint]) -> set[str]:
+def _subjects(links: Iterable[str], joints: Iterable[Joint]) -> set[str]:
     return {f"link {shown(name)}" for name in links} | {f"joint {shown(joint.name)}" for joint in joints}
 
 
 def pose_findings(chain: Chain, values: Array, names: Sequence[str] = ()) -> tuple[Finding, ...]:
     """Return warnings if poses ``(n, P)`` are outside the joints' limits, or if the arm hits something there."""
-    found = _collision_findings(chain, values, names)
+    findings = _collision_findings(chain, values, names)
     limited, values = chain.limited(values)
-    outside = limited.outside(values)
-    poses = np.flatnonzero(outside.any(axis=0))
+    is_outside = limited.outside(values)
+    poses = np.flatnonzero(is_outside.any(axis=0))
     if not poses.size:
-        return found
+        return findings
     first = int(poses[0])
     name = (names[first] if names else "") or f"pose {first + 1}"
-    k = int(np.flatnonzero(outside[:, first])[0])
+    k = int(np.flatnonzero(is_outside[:, first])[0])
     joint, hint = limited.joints[k], limited.wrap_hint(k, values[:, [first]])
     message = (
         f"{poses.size:,} of {values.shape[1]:,} poses are outside joint limits, the first of them {name}, with the joint "
         f"{joint.name} at {values[k, first]:.6g} {'m' if joint.kind == 'prismatic' else 'rad'}{hint}"
     )
-    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line), *found)
+    return (Finding("warning", "W_JOINT_LIMIT", message, chain.robot.file, joint.line), *findings)
 
 
 def _collision_findings(chain: Chain, values: Array, names: Sequence[str]) -> tuple[Finding, ...]:
@@ -756,13 +756,13 @@ def _collision_findings(chain: Chain, values: Array, names: Sequence[str]) -> tu
     if chain.collision_check is None:
         return ()
     # only some of many poses: a check takes longer than a first-order analysis
-    looked = np.arange(0, values.shape[1], 1 + values.shape[1] // _LOOKED)
-    hit = looked[~chain.collision_check.free(np.ascontiguousarray(values[:, looked]))]
+    checked = np.arange(0, values.shape[1], 1 + values.shape[1] // _LOOKED)
+    hit = checked[~chain.collision_check.free(np.ascontiguousarray(values[:, checked]))]
     if not hit.size:
         return ()
     first = int(hit[0])
     reason = chain.collision_check.reasons(np.ascontiguousarray(values[:, [first]]))[0]
     name = (names[first] if names else "") or f"pose {first + 1}"
-    of = f"{values.shape[1]:,} poses" if looked.size == values.shape[1] else f"{looked.size:,} poses looked at"
-    where = "here" if values.shape[1] == 1 else f"at {hit.size:,} of {of}, the first of them {name},"
-    return (Finding("warning", "W_COLLISION", f"{where} {reason}", chain.robot.file),)
+    pose_text = f"{values.shape[1]:,} poses" if checked.size == values.shape[1] else f"{checked.size:,} poses looked at"
+    place = "here" if values.shape[1] == 1 else f"at {hit.size:,} of {pose_text}, the first of them {name},"
+    return (Finding("warning", "W_COLLISION", f"{place} {reason}", chain.robot.file),)

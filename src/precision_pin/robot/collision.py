@@ -1,7 +1,7 @@
-"""What of an arm hits what: its links each other, and what is kept clear of (planes and boxes); only module that calls coal.
+"""Collision checks: self-collision and keep-out zones (planes and boxes); only module that calls coal.
 
-Collision shapes are those of the URDF, meshes as they are. Looked at are pairs of links that different joints carry, but not of a
-link and the next one with a shape, nor of links that touch at joint zero or everywhere. What joints off the chain carry
+Collision shapes are those of the URDF, meshes as they are. Link pairs carried by different joints are checked, except a
+link and the next one with a shape, and links that touch at joint zero or everywhere. What joints off the chain carry
 stands still at their locked values.
 """
 
@@ -35,15 +35,15 @@ Obstruction = Literal["", "collision", "kept out"]
 """Whether an arm hits itself, or enters what it must keep out of; empty where neither."""
 
 _DEEP: Final = 1e-6
-"""How far (m) a plane may be passed: a link that lies on it does not hit it."""
+"""Depth (m) by which a plane may be passed: a link that lies on it does not hit it."""
 _SHARE: Final = 0.1
-"""Of the arm's length: what reaches farther below the plate at joint zero shows that the base does not stand on one."""
+"""Fraction of the arm's length: if links reach farther below the plate at joint zero, none is assumed."""
 _TRIED: Final = 64
 """Poses at which links that always touch are sought."""
-_AT_ONCE: Final = 2048
-_WORTH: Final = 16
+_AT_ONCE: Final = 2048  # poses whose link frames are held together
+_MIN_POSES_COMPILED: Final = 16
 """Poses of two links from which on compiled code is worth its loading."""
-_SLANT: Final = 1e-3
+_SLANT: Final = 1e-3  # of gravity to the z axis, rad, above which no plate is assumed
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class KeepOut:
 
 @dataclass(frozen=True)
 class Obstacles:
-    """What poses of an arm are checked against, beside the arm itself.
+    """Obstacles for the poses of an arm, in addition to the arm itself.
 
     Attributes:
         keep_out: Planes and boxes; None for the plate on which the base stands, if it does.
@@ -121,10 +121,10 @@ class _Body:
         return float(np.linalg.norm(self.points - self.centre, axis=1).max()) + self.ball + self.disc
 
     def lowest(self, frames: Array, normal: Array) -> Array:
-        """Return the least coordinate along a direction of the base, of the shape at poses ``(P, 4, 4)``."""
+        """Return the smallest coordinate along a direction of the base, of the shape at poses ``(P, 4, 4)``."""
         along = np.einsum("pij,i->jp", frames[:, :3, :3], normal)
-        own: Array = (self.points @ along).min(axis=0) - self.ball - self.disc * np.hypot(along[0], along[1])
-        return own + frames[:, :3, 3] @ normal
+        heights: Array = (self.points @ along).min(axis=0) - self.ball - self.disc * np.hypot(along[0], along[1])
+        return heights + frames[:, :3, 3] @ normal
 
 
 class _Check(NamedTuple):
@@ -137,7 +137,7 @@ class _Check(NamedTuple):
 
 
 class Arm(Protocol):
-    """What a check reads of a chain."""
+    """Parts of a chain that a check reads."""
 
     @property
     def robot(self) -> Robot: ...  # noqa: D102
@@ -159,11 +159,11 @@ class Arm(Protocol):
 
 
 class CollisionCheck:
-    """What an arm can hit. Made once for an arm; a check takes some 0.05 to 0.5 ms a pose.
+    """Bodies that an arm can hit. Made once for an arm; a check takes some 0.05 to 0.5 ms a pose.
 
     Args:
         arm: The chain.
-        obstacles: What it may hit beside itself.
+        obstacles: Bodies that it may hit in addition to itself.
 
     Attributes:
         notes: What is looked at, assumed and left out, a line each.
@@ -177,84 +177,84 @@ class CollisionCheck:
         self._checks: list[_Check] = []
         if obstacles.keep_out is None:
             self._add_plate(bodies, at_zero)
-        for number, one in enumerate(obstacles.keep_out or (), 1):
-            self._add(one, f"{'box' if one.normal is None else 'plane'} {number} of keep_out", bodies)
+        for number, obstacle in enumerate(obstacles.keep_out or (), 1):
+            self._add(obstacle, f"{'box' if obstacle.normal is None else 'plane'} {number} of keep_out", bodies)
         self._add_pairs([body for body in bodies if not body.is_line], at_zero)
 
     def judge(self, q: Array) -> list[Obstruction]:
         """Return whether the arm hits itself or what is kept clear, at each of P postures ``(n, P)``."""
-        return ["" if check is None else check.kind for check in self._first(q)]
+        return ["" if check is None else check.kind for check in self._search(q)]
 
     def free(self, q: Array) -> NDArray[np.bool_]:
         """Return a mask ``(P,)`` of the postures ``(n, P)`` at which the arm hits nothing."""
-        return np.array([check is None for check in self._first(q)], dtype=bool)
+        return np.array([check is None for check in self._search(q)], dtype=bool)
 
     def reasons(self, q: Array) -> list[str]:
-        """Return what hits what, and how deep, at each of P postures ``(n, P)``; empty where nothing does."""
-        words = (
-            check and self._words(check, np.ascontiguousarray(q[:, [k]])) for k, check in enumerate(self._first(q))
+        """Return the hit bodies and the depth at each of P postures ``(n, P)``; empty where nothing does."""
+        texts = (
+            check and self._describe(check, np.ascontiguousarray(q[:, [k]])) for k, check in enumerate(self._search(q))
         )
-        return [one or "" for one in words]
+        return [text or "" for text in texts]
 
-    def _first(self, q: Array) -> list[_Check | None]:
-        found: list[_Check | None] = []
+    def _search(self, q: Array) -> list[_Check | None]:
+        checks: list[_Check | None] = []
         for begin in range(0, q.shape[1] if self._checks else 0, _AT_ONCE):
             frames = self._frames(np.ascontiguousarray(q[:, begin : begin + _AT_ONCE]))
             hit = np.full(len(frames[0]), -1)
-            placed: dict[_Body, Array] = {}
+            placements: dict[_Body, Array] = {}
             for number, check in enumerate(self._checks):
-                left = (hit < 0).nonzero()[0]
-                if left.size:
-                    hit[left[self._hits(check, frames, placed, left)]] = number
-            found += [None if number < 0 else self._checks[number] for number in hit]
-        return found or [None] * q.shape[1]
+                free = (hit < 0).nonzero()[0]
+                if free.size:
+                    hit[free[self._hits(check, frames, placements, free)]] = number
+            checks += [None if number < 0 else self._checks[number] for number in hit]
+        return checks or [None] * q.shape[1]
 
     def _hits(
-        self, check: _Check, frames: Array, placed: dict[_Body, Array], left: NDArray[np.intp] | slice
+        self, check: _Check, frames: Array, placements: dict[_Body, Array], rows: NDArray[np.intp] | slice
     ) -> NDArray[np.bool_]:
-        here = self._placed(check.body, frames, placed)[left]
+        a = self._placements(check.body, frames, placements)[rows]
         if isinstance(check.other, KeepOut):
             normal, place = np.array(check.other.normal), np.array(check.other.place)
-            middle = here[:, :3, :3] @ check.body.centre + here[:, :3, 3]
+            middle = a[:, :3, :3] @ check.body.centre + a[:, :3, 3]
             hit = (place - middle) @ normal + check.body.radius > _DEEP
-            near = hit.nonzero()[0]
-            hit[near] = self._depth(check.body, check.other, here[near]) > _DEEP
+            candidates = hit.nonzero()[0]
+            hit[candidates] = self._depth(check.body, check.other, a[candidates]) > _DEEP
             return np.asarray(hit)
         body, other = check.body, check.other
-        there = self._placed(other, frames, placed)[left]
-        gap = (here[:, :3, :3] @ body.centre + here[:, :3, 3]) - (there[:, :3, :3] @ other.centre + there[:, :3, 3])
+        b = self._placements(other, frames, placements)[rows]
+        gap = (a[:, :3, :3] @ body.centre + a[:, :3, 3]) - (b[:, :3, :3] @ other.centre + b[:, :3, 3])
         hit = np.asarray((gap * gap).sum(axis=1) < (body.radius + other.radius) ** 2)
-        near = hit.nonzero()[0]
+        candidates = hit.nonzero()[0]
         for compare in (_boxes_meet, _touch):
-            if not near.size:
+            if not candidates.size:
                 break
-            hit[near] = met = compare(body, other, here[near], there[near])
-            near = near[met]
+            hit[candidates] = is_hit = compare(body, other, a[candidates], b[candidates])
+            candidates = candidates[is_hit]
         return hit
 
-    def _placed(self, body: _Body, frames: Array, placed: dict[_Body, Array]) -> Array:
-        if body not in placed:
-            placed[body] = np.asarray(frames[body.link] @ body.placement)
-        return placed[body]
+    def _placements(self, body: _Body, frames: Array, placements: dict[_Body, Array]) -> Array:
+        if body not in placements:
+            placements[body] = np.asarray(frames[body.link] @ body.placement)
+        return placements[body]
 
     @staticmethod
     def _depth(body: _Body, plane: KeepOut, frames: Array) -> Array:
         normal = np.array(plane.normal)
         return normal @ np.array(plane.place) - body.lowest(frames, normal)
 
-    def _words(self, check: _Check, q: Array) -> str:
+    def _describe(self, check: _Check, q: Array) -> str:
         frames = self._frames(q)
         if isinstance(check.other, KeepOut):
-            bodies = [one.body for one in self._checks if one.other is check.other]
-            depths = [float(self._depth(one, check.other, frames[one.link] @ one.placement)[0]) for one in bodies]
-            depth, owner = max(zip(depths, (one.owner for one in bodies), strict=True))
+            bodies = [entry.body for entry in self._checks if entry.other is check.other]
+            depths = [float(self._depth(body, check.other, frames[body.link] @ body.placement)[0]) for body in bodies]
+            depth, owner = max(zip(depths, (body.owner for body in bodies), strict=True))
             return f"{owner} is {1e3 * depth:.3g} mm beyond {check.what}"
-        here = frames[check.body.link] @ check.body.placement
-        there = frames[check.other.link] @ check.other.placement
-        placed = [
-            shape for one, at in ((check.body, here), (check.other, there)) for shape in (_hull(one), _transform(at[0]))
+        pose = frames[check.body.link] @ check.body.placement
+        other = frames[check.other.link] @ check.other.placement
+        shapes = [
+            x for body, at in ((check.body, pose), (check.other, other)) for x in (_hull(body), _transform(at[0]))
         ]
-        depth = -coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult())
+        depth = -coal.distance(*shapes, coal.DistanceRequest(), coal.DistanceResult())
         return f"{check.body.owner} hits {check.what}, {1e3 * depth:.3g} mm deep between their convex hulls"
 
     def _frames(self, q: Array) -> Array:
@@ -268,15 +268,15 @@ class CollisionCheck:
         reader = MeshReader(arm.robot.file, package_dirs)
         bodies, unread = [], []
         for link in arm.robot.links:
-            where = arm.link_frames[link.name]
+            frame = arm.link_frames[link.name]
             for shape in link.collisions:
                 try:
-                    bodies.append(_body(link.name, where, shape, reader))
+                    bodies.append(_body(link.name, frame, shape, reader))
                 except UnreadableMeshError as problem:
                     unread.append(str(problem))
         if unread:
-            more = f"; and {len(unread) - 1} more" if len(unread) > 1 else ""
-            self.notes.append(f"collision shapes that are left out: {unread[0]}{more}")
+            others = f"; and {len(unread) - 1} more" if len(unread) > 1 else ""
+            self.notes.append(f"collision shapes that are left out: {unread[0]}{others}")
         names = arm.joint_names
         bare = sorted(set(range(1, len(names) + 1)) - {body.link for body in bodies})
         ends = [*zip(names[1:], arm.placements[1:], strict=False), ("the target", arm.target_placement)]
@@ -306,74 +306,74 @@ class CollisionCheck:
         down = self._arm.gravity
         if not standing or np.hypot(down[0], down[1]) > _SLANT * abs(down[2]):
             return
-        up = np.array([0.0, 0.0, 1.0])
-        height = min(float(body.lowest(body.placement[None], up)[0]) for body in standing)
+        vertical = np.array([0.0, 0.0, 1.0])
+        height = min(float(body.lowest(body.placement[None], vertical)[0]) for body in standing)
         plate = KeepOut((0.0, 0.0, height), (0.0, 0.0, 1.0))
         moving = [body for body in bodies if body.link]
         depths = [float(self._depth(body, plate, at_zero[body.link] @ body.placement)[0]) for body in moving]
-        words = f"the plane z = {1e3 * height + 0.0:.4g} mm in base axes, under all that stands still"
+        plane = f"the plane z = {1e3 * height + 0.0:.4g} mm in base axes, under all that stands still"
         length = float(np.linalg.norm(self._arm.placements[1:, :3, 3], axis=1).sum()) or 1.0
         if max(depths) > _SHARE * length:
-            self.notes.append(f"the base is not taken to stand on a plate: at joint zero the arm is below {words}")
+            self.notes.append(f"the base is not taken to stand on a plate: at joint zero the arm is below {plane}")
             return
         resting = [body for body, depth in zip(moving, depths, strict=True) if body.link == 1 and depth > _DEEP]
         self._add(plate, "the base plate", [body for body in moving if body not in resting])
-        self.notes.append(f"the arm is kept above {words}; keep_out: says otherwise")
+        self.notes.append(f"the arm is kept above {plane}; keep_out: says otherwise")
 
     def _add_pairs(self, bodies: Sequence[_Body], at_zero: Array) -> None:
         low, high = self._arm.configurations.limits
-        ends = np.isfinite(low) & np.isfinite(high)
-        low, high = np.where(ends, low, -np.pi), np.where(ends, high, np.pi)
+        is_finite = np.isfinite(low) & np.isfinite(high)
+        low, high = np.where(is_finite, low, -np.pi), np.where(is_finite, high, np.pi)
         draws = np.random.default_rng(0).random((len(low), _TRIED))
-        tried = self._frames(np.ascontiguousarray(low[:, None] + (high - low)[:, None] * draws))
+        trial_frames = self._frames(np.ascontiguousarray(low[:, None] + (high - low)[:, None] * draws))
         shaped = {body.owner for body in bodies}
-        above = {joint.child: joint.parent for joint in self._arm.robot.joints}
+        parents = {joint.child: joint.parent for joint in self._arm.robot.joints}
         left_out: Counter[tuple[str, str]] = Counter()
-        for one, other in combinations(bodies, 2):
-            if one.link == other.link or _next_to(one.owner, other.owner, above, shaped):
+        for first, second in combinations(bodies, 2):
+            if first.link == second.link or _are_neighbours(first.owner, second.owner, parents, shaped):
                 continue
-            further, nearer = (one, other) if one.link > other.link else (other, one)
+            further, nearer = (first, second) if first.link > second.link else (second, first)
             check = _Check(further, nearer, "collision", nearer.owner)
             # most pairs are apart at the first pose tried
-            touch_first = self._hits(check, tried[:, :1], {}, slice(None)).all()
+            touch_first = self._hits(check, trial_frames[:, :1], {}, slice(None)).all()
             if self._hits(check, at_zero, {}, slice(None)).all() or (
-                touch_first and self._hits(check, tried, {}, slice(None)).all()
+                touch_first and self._hits(check, trial_frames, {}, slice(None)).all()
             ):
                 left_out[further.owner, nearer.owner] += 1
             else:
                 self._checks.append(check)
         if left_out:
-            words = ", ".join(" and ".join(pair) for pair in left_out)
-            self.notes.append(f"not looked at, since they touch at joint zero or at every pose tried: {words}")
+            pairs = ", ".join(" and ".join(pair) for pair in left_out)
+            self.notes.append(f"not looked at, since they touch at joint zero or at every pose tried: {pairs}")
 
 
-def _next_to(one: str, other: str, above: Mapping[str, str], shaped: set[str]) -> bool:
+def _are_neighbours(first: str, second: str, parents: Mapping[str, str], shaped: set[str]) -> bool:
     """Return whether one link carries the other with no link with a shape in between."""
-    for link, holder in ((one, other), (other, one)):
-        parent = above.get(link)
+    for link, holder in ((first, second), (second, first)):
+        parent = parents.get(link)
         while parent is not None and parent != holder and parent not in shaped:
-            parent = above.get(parent)
+            parent = parents.get(parent)
         if parent == holder:
             return True
     return False
 
 
-def _body(owner: str, where: LinkFrame, shape: Shape, reader: MeshReader | None) -> _Body:
-    placement = where.frame @ shape.origin
+def _body(owner: str, frame: LinkFrame, shape: Shape, reader: MeshReader | None) -> _Body:
+    placement = frame.frame @ shape.origin
     match shape.geometry:
         case Box(size):
             corners = np.array(np.meshgrid(*[(-edge / 2, edge / 2) for edge in size])).reshape(3, -1).T
-            return _Body(owner, where.link, placement, coal.Box(*size), corners)
+            return _Body(owner, frame.link, placement, coal.Box(*size), corners)
         case Cylinder(radius, length):
-            ends = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
-            return _Body(owner, where.link, placement, coal.Cylinder(radius, length), ends, disc=radius)
+            end_points = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
+            return _Body(owner, frame.link, placement, coal.Cylinder(radius, length), end_points, disc=radius)
         case Sphere(radius):
-            return _Body(owner, where.link, placement, coal.Sphere(radius), np.zeros((1, 3)), ball=radius)
+            return _Body(owner, frame.link, placement, coal.Sphere(radius), np.zeros((1, 3)), ball=radius)
         case Mesh() as mesh:
             assert reader is not None
             surfaces = reader.surfaces(mesh, f"link {owner!r}")
-    whole = merged([(surface.vertices, surface.faces) for surface in surfaces])
-    vertices, faces = whole.vertices, whole.faces
+    surface = merged([(surface.vertices, surface.faces) for surface in surfaces])
+    vertices, faces = surface.vertices, surface.faces
     solid = coal.BVHModelOBBRSS()
     solid.beginModel(len(faces), len(vertices))
     solid.addVertices(vertices)
@@ -386,65 +386,65 @@ def _body(owner: str, where: LinkFrame, shape: Shape, reader: MeshReader | None)
         points, planes = vertices[hull.vertices], hull.equations
     except QhullError:  # flat
         points, planes = vertices, None
-    return _Body(owner, where.link, placement, solid, points, triangles=vertices[faces], planes=planes)
+    return _Body(owner, frame.link, placement, solid, points, triangles=vertices[faces], planes=planes)
 
 
 def _line(name: str, link: int, begin: Array, end: Array) -> _Body:
-    way = end - begin
-    length = float(np.linalg.norm(way))
-    turn = alignment(way / length) if length else np.eye(3)
-    ends = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
+    vector = end - begin
+    length = float(np.linalg.norm(vector))
+    rotation = alignment(vector / length) if length else np.eye(3)
+    end_points = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
     solid = coal.Capsule(_DEEP, length)
-    return _Body(name, link, se3.pose(turn, (begin + end) / 2), solid, ends, is_line=True)
+    return _Body(name, link, se3.pose(rotation, (begin + end) / 2), solid, end_points, is_line=True)
 
 
-def _boxes_meet(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
+def _boxes_meet(first: _Body, second: _Body, a: Array, b: Array) -> NDArray[np.bool_]:
     """Return whether the boxes about two bodies, along their own axes, overlap along each of these, at P poses of both."""
-    turn = np.einsum("pji,pjk->pik", here[:, :3, :3], there[:, :3, :3])
-    apart = there[:, :3, :3] @ other.centre + there[:, :3, 3] - here[:, :3, :3] @ one.centre - here[:, :3, 3]
-    along = np.einsum("pji,pj->pi", here[:, :3, :3], apart), np.einsum("pji,pj->pi", there[:, :3, :3], apart)
-    size = np.abs(turn)
+    rotation = np.einsum("pji,pjk->pik", a[:, :3, :3], b[:, :3, :3])
+    apart = b[:, :3, :3] @ second.centre + b[:, :3, 3] - a[:, :3, :3] @ first.centre - a[:, :3, 3]
+    offsets = np.einsum("pji,pj->pi", a[:, :3, :3], apart), np.einsum("pji,pj->pi", b[:, :3, :3], apart)
+    size = np.abs(rotation)
     return np.asarray(
-        (np.abs(along[0]) <= one.half + size @ other.half).all(axis=1)
-        & (np.abs(along[1]) <= other.half + one.half @ size).all(axis=1)
+        (np.abs(offsets[0]) <= first.half + size @ second.half).all(axis=1)
+        & (np.abs(offsets[1]) <= second.half + first.half @ size).all(axis=1)
     )
 
 
-def _touch(one: _Body, other: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
-    hit, far = np.zeros((2, len(here)), dtype=bool)
-    if len(here) >= _WORTH and one.tree is not None and other.tree is not None:
+def _touch(first: _Body, second: _Body, poses: Array, other_poses: Array) -> NDArray[np.bool_]:
+    hit, is_far = np.zeros((2, len(poses)), dtype=bool)
+    if len(poses) >= _MIN_POSES_COMPILED and first.tree is not None and second.tree is not None:
         from precision_pin.robot.collision_loops import proven_apart
 
-        far = proven_apart(one.tree, other.tree, np.linalg.inv(here) @ there)
+        is_far = proven_apart(first.tree, second.tree, np.linalg.inv(poses) @ other_poses)
     request = coal.CollisionRequest()
-    for k in (~far).nonzero()[0]:
-        placed, other_placed = _transform(here[k]), _transform(there[k])
-        hit[k] = coal.collide(one.solid, placed, other.solid, other_placed, request, coal.CollisionResult()) > 0
+    for k in (~is_far).nonzero()[0]:
+        place_a, place_b = _transform(poses[k]), _transform(other_poses[k])
+        hit[k] = coal.collide(first.solid, place_a, second.solid, place_b, request, coal.CollisionResult()) > 0
     # surfaces that do not cross: a body may still lie within a mesh
-    for inner, outer, place, other_place in ((one, other, here, there), (other, one, there, here)):
+    for inner, outer, place, other_place in ((first, second, poses, other_poses), (second, first, other_poses, poses)):
         if outer.planes is not None and inner.radius <= outer.radius:
             apart = (~hit).nonzero()[0]
-            hit[apart] = _within(inner, outer, place[apart], other_place[apart])
+            hit[apart] = _is_within(inner, outer, place[apart], other_place[apart])
     return hit
 
 
-def _within(inner: _Body, outer: _Body, here: Array, there: Array) -> NDArray[np.bool_]:
+def _is_within(inner: _Body, outer: _Body, poses: Array, other_poses: Array) -> NDArray[np.bool_]:
     """Return whether a body lies in a mesh whose surface it does not cross, at P poses of both."""
     assert outer.triangles is not None
     assert outer.planes is not None
-    inside = np.zeros(len(here), dtype=bool)
+    is_inside = np.zeros(len(poses), dtype=bool)
     # first one point against the hull, then all: few bodies get so far
-    maybe = np.arange(len(here))
+    candidates = np.arange(len(poses))
     for points in (inner.points[:1], inner.points):
-        place, other_place = here[maybe], there[maybe]
-        own = points @ np.swapaxes(place[:, :3, :3], 1, 2) + (place[:, :3, 3] - other_place[:, :3, 3])[:, None]
-        own = own @ other_place[:, :3, :3]
-        maybe = maybe[(own @ outer.planes[:, :3].T + outer.planes[:, 3]).max(axis=(1, 2)) <= 0]
-        if not maybe.size:
-            return inside
-    for k in maybe:
+        place, other_place = poses[candidates], other_poses[candidates]
+        local_points = points @ np.swapaxes(place[:, :3, :3], 1, 2) + (place[:, :3, 3] - other_place[:, :3, 3])[:, None]
+        local_points = local_points @ other_place[:, :3, :3]
+        candidates = candidates[(local_points @ outer.planes[:, :3].T + outer.planes[:, 3]).max(axis=(1, 2)) <= 0]
+        if not candidates.size:
+            return is_inside
+    for k in candidates:
         # winding number: the solid angles under which the triangles are seen (Van Oosterom and Strackee 1983)
-        point = (here[k, :3, :3] @ inner.points[0] + here[k, :3, 3] - there[k, :3, 3]) @ there[k, :3, :3]
+        point = (poses[k, :3, :3] @ inner.points[0] + poses[k, :3, 3] - other_poses[k, :3, 3]) @ other_poses[k, :3, :3]
         a, b, c = np.moveaxis(outer.triangles - point, 1, 0)
         sizes = [np.linalg.norm(corner, axis=1) for corner in (a, b, c)]
         flat = np.einsum("fi,fi->f", a, np.cross(b, c))
@@ -454,8 +454,8 @@ def _within(inner: _Body, outer: _Body, here: Array, there: Array) -> NDArray[np
             + np.einsum("fi,fi->f", b, c) * sizes[0]
             + np.einsum("fi,fi->f", c, a) * sizes[1]
         )
-        inside[k] = abs(np.arctan2(flat, round_).sum()) > np.pi
-    return inside
+        is_inside[k] = abs(np.arctan2(flat, round_).sum()) > np.pi
+    return is_inside
 
 
 def _hull(body: _Body) -> Any:

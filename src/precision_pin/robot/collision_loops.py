@@ -33,31 +33,31 @@ class Tree(NamedTuple):
 
     @classmethod
     def of(cls, triangles: Array) -> Tree:
-        """Return that of triangles ``(F, 3, 3)``, at least one."""
+        """Return the tree of triangles ``(F, 3, 3)``, at least one."""
         low, high = triangles.min(axis=1), triangles.max(axis=1)
-        order, sizes, made = np.arange(len(triangles)), np.array([len(triangles)]), 1
+        order, sizes, node_count = np.arange(len(triangles)), np.array([len(triangles)]), 1
         boxes, below = [], []
         while sizes.size:  # level by level
             starts, node = np.cumsum(sizes) - sizes, np.repeat(np.arange(sizes.size), sizes)
-            least, most = np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
-            boxes.append(np.hstack([(least + most) / 2, (most - least) / 2]))
-            halved = sizes > 1
+            lower, upper = np.minimum.reduceat(low[order], starts), np.maximum.reduceat(high[order], starts)
+            boxes.append(np.hstack([(lower + upper) / 2, (upper - lower) / 2]))
+            is_split = sizes > 1
             kids = np.stack([np.full(sizes.size, -1), order[starts]], axis=1)
-            kids[halved] = made + np.arange(2 * halved.sum()).reshape(-1, 2)
+            kids[is_split] = node_count + np.arange(2 * is_split.sum()).reshape(-1, 2)
             below.append(kids)
-            made += 2 * int(halved.sum())
-            longest = np.argmax(most - least, axis=1)[node]
-            order = order[np.lexsort(((low + high)[order, longest], node))][halved[node]]
-            sizes = np.stack([sizes[halved] // 2, sizes[halved] - sizes[halved] // 2], axis=1).ravel()
+            node_count += 2 * int(is_split.sum())
+            longest = np.argmax(upper - lower, axis=1)[node]
+            order = order[np.lexsort(((low + high)[order, longest], node))][is_split[node]]
+            sizes = np.stack([sizes[is_split] // 2, sizes[is_split] - sizes[is_split] // 2], axis=1).ravel()
         return cls(np.concatenate(boxes), np.concatenate(below), np.ascontiguousarray(triangles))
 
 
-def proven_apart(one: Tree, other: Tree, places: Array) -> NDArray[np.bool_]:
-    """Return whether two meshes are shown to be apart, at poses of the other in the one's axes ``(P, 4, 4)``."""
+def proven_apart(first: Tree, second: Tree, places: Array) -> NDArray[np.bool_]:
+    """Return whether two meshes are shown to be apart, at poses of the second in the first's axes ``(P, 4, 4)``."""
     # of two boxes that overlap one is replaced by two: never more wait than there are levels
-    stack = np.zeros((2 + len(one.boxes) + len(other.boxes), 2), dtype=np.int64)
+    stack = np.zeros((2 + len(first.boxes) + len(second.boxes), 2), dtype=np.int64)
     proven = np.zeros(len(places), dtype=np.bool_)
-    call(_prove, (np.ascontiguousarray(places), *one, *other, stack, np.zeros((3, 3)), proven))
+    call(_prove, (np.ascontiguousarray(places), *first, *second, stack, np.zeros((3, 3)), proven))
     return proven
 
 
@@ -110,32 +110,32 @@ def _boxes_apart(place: Array, box: Array, other: Array) -> Any:
 
 
 @inline
-def _triangles_apart(place: Array, one: Array, other: Array, moved: Array) -> Any:
+def _triangles_apart(place: Array, first: Array, second: Array, moved: Array) -> Any:
     """Return whether triangles are apart along a normal of either, or across an edge of both."""
     for k in range(3):
         for i in range(3):
             moved[k, i] = (
-                place[i, 0] * other[k, 0] + place[i, 1] * other[k, 1] + place[i, 2] * other[k, 2] + place[i, 3]
+                place[i, 0] * second[k, 0] + place[i, 1] * second[k, 1] + place[i, 2] * second[k, 2] + place[i, 3]
             )
     for normals in range(11):
-        # each axis at right angles to two edges: of the one, of the other, of both
+        # each axis at right angles to two edges: of the first, of the second, of both
         if normals == 0:
-            a, b, c, d = one, 0, one, 1
+            a, b, c, d = first, 0, first, 1
         elif normals == 1:
             a, b, c, d = moved, 0, moved, 1
         else:
-            a, b, c, d = one, (normals - 2) // 3, moved, (normals - 2) % 3
+            a, b, c, d = first, (normals - 2) // 3, moved, (normals - 2) % 3
         b1, d1 = (b + 1) % 3, (d + 1) % 3
         ux, uy, uz = a[b1, 0] - a[b, 0], a[b1, 1] - a[b, 1], a[b1, 2] - a[b, 2]
         vx, vy, vz = c[d1, 0] - c[d, 0], c[d1, 1] - c[d, 1], c[d1, 2] - c[d, 2]
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        low = high = nx * one[0, 0] + ny * one[0, 1] + nz * one[0, 2]
+        low = high = nx * first[0, 0] + ny * first[0, 1] + nz * first[0, 2]
         other_low = other_high = nx * moved[0, 0] + ny * moved[0, 1] + nz * moved[0, 2]
         for k in range(1, 3):
-            far = nx * one[k, 0] + ny * one[k, 1] + nz * one[k, 2]
-            low, high = min(low, far), max(high, far)
-            far = nx * moved[k, 0] + ny * moved[k, 1] + nz * moved[k, 2]
-            other_low, other_high = min(other_low, far), max(other_high, far)
+            projection = nx * first[k, 0] + ny * first[k, 1] + nz * first[k, 2]
+            low, high = min(low, projection), max(high, projection)
+            projection = nx * moved[k, 0] + ny * moved[k, 1] + nz * moved[k, 2]
+            other_low, other_high = min(other_low, projection), max(other_high, projection)
         gap = max(other_low - high, low - other_high)
         # along any axis, so computed, the gap is real: rounding of the axis itself does no harm
         if gap > 0 and gap * gap > NEAR * NEAR * (nx * nx + ny * ny + nz * nz):

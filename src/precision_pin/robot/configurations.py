@@ -20,7 +20,7 @@ from precision_pin.robot.urdf import Joint
 LONGEST: Final = 1e6
 """Largest value (m) of a prismatic joint; larger ones leave too few digits for errors of nanometres."""
 SLACK: Final = 1e-5
-"""How far (rad, m) a value may pass a limit: files round limits, as 180° to 3.14159."""
+"""Tolerance (rad, m) of a limit: files round limits, as 180° to 3.14159."""
 _LARGEST_TURN: Final = 4 * np.pi
 """Distance, rad, of an angle from the middle of narrower limits above which its unit counts as wrong."""
 _FAR: Final = 10.0
@@ -74,10 +74,10 @@ class Configurations:
             q = np.array(np.broadcast_arrays(*rows))
         values = arguments.check_numbers("joint values", q, needs="a row for each joint, or poses in a list")
         if values.ndim != 2 or len(values) != len(self.names):
-            turned = "; poses are columns, so transpose it" if values.shape[1:] == (len(self.names),) else ""
+            hint = "; poses are columns, so transpose it" if values.shape[1:] == (len(self.names),) else ""
             raise InputError(
                 f"joint values of shape {values.shape} for many poses, expected ({len(self.names)}, P): "
-                f"a row for each of {', '.join(self.names)}{turned}"
+                f"a row for each of {', '.join(self.names)}{hint}"
             )
         self._check_travel(values)
         return self.taken(values)
@@ -90,24 +90,24 @@ class Configurations:
         """Return joint values ``(n, P)`` where angles outside limits are inside, if whole turns bring them there."""
         low, high = (ends[:, None] for ends in self.limits)
         # an infinite limit is never passed
-        above, below = np.maximum(values - high - SLACK, 0), np.maximum(low - SLACK - values, 0)
-        moved = values + 2 * np.pi * (np.ceil(below / (2 * np.pi)) - np.ceil(above / (2 * np.pi)))
-        is_better = self.turning[:, None] & self.outside(values) & ~self.outside(moved)
-        return fix_copy(np.where(is_better, moved, values))
+        excess, deficit = np.maximum(values - high - SLACK, 0), np.maximum(low - SLACK - values, 0)
+        wrapped = values + 2 * np.pi * (np.ceil(deficit / (2 * np.pi)) - np.ceil(excess / (2 * np.pi)))
+        is_better = self.turning[:, None] & self.outside(values) & ~self.outside(wrapped)
+        return fix_copy(np.where(is_better, wrapped, values))
 
     def wrap_hint(self, joint: int, values: Array) -> str:
         """Return the end of a message if whole turns bring a joint's value of one pose ``(n, 1)`` inside, else nothing."""
-        value, inside = float(values[joint, 0]), float(self.wrapped(values)[joint, 0])
-        turns = round(abs(value - inside) / (2 * np.pi))
-        what = f"{turns if turns > 1 else 'a'} whole turn{'s' * (turns > 1)} {'less' if inside < value else 'more'}"
-        return f"; {what}, {np.degrees(inside):.7g} deg, is inside: --wrap takes poses so" if turns else ""
+        value, wrapped = float(values[joint, 0]), float(self.wrapped(values)[joint, 0])
+        turns = round(abs(value - wrapped) / (2 * np.pi))
+        hint = f"{turns if turns > 1 else 'a'} whole turn{'s' * (turns > 1)} {'less' if wrapped < value else 'more'}"
+        return f"; {hint}, {np.degrees(wrapped):.7g} deg, is inside: --wrap takes poses so" if turns else ""
 
     def far(self, values: Array) -> NDArray[np.bool_]:
         """Return a mask ``(n, P)`` of joint values so far outside that their unit is doubtful."""
         low, high = np.where(np.isinf(self.limits), [[-np.pi], [np.pi]], self.limits)
-        span, most = high - low, (0.5 + _FAR) * (high - low)
-        most = np.where(self.turning, np.minimum(most, np.maximum(span, _LARGEST_TURN)), most)
-        return np.asarray(np.abs(values - (high + low)[:, None] / 2) > most[:, None])
+        span, maximum = high - low, (0.5 + _FAR) * (high - low)
+        maximum = np.where(self.turning, np.minimum(maximum, np.maximum(span, _LARGEST_TURN)), maximum)
+        return np.asarray(np.abs(values - (high + low)[:, None] / 2) > maximum[:, None])
 
     @cached_property
     @returns_read_only
@@ -139,8 +139,8 @@ class Configurations:
     @returns_read_only
     def limits(self) -> tuple[Array, Array]:
         """Lowest and highest value of each joint, infinite without limits."""
-        given = [None if joint.kind == "continuous" else joint.limit for joint in self.joints]
-        low, high = np.array([(one.lower, one.upper) if one else (-np.inf, np.inf) for one in given]).T
+        limits = [None if joint.kind == "continuous" else joint.limit for joint in self.joints]
+        low, high = np.array([(limit.lower, limit.upper) if limit else (-np.inf, np.inf) for limit in limits]).T
         return low, high
 
     @staticmethod
@@ -171,8 +171,8 @@ class Configurations:
     def _check_travel(self, values: Array) -> None:
         """Raise if values ``(n, P)`` of prismatic joints exceed `LONGEST`."""
         for name, joint, row in zip(self.names, self.joints, values, strict=True):
-            if joint.kind == "prismatic" and (far := row[np.abs(row) > LONGEST]).size:
-                raise InputError(f"joint value {far[0]:g} m of {name}; it slides {LONGEST:,.0f} m at most")
+            if joint.kind == "prismatic" and (excess := row[np.abs(row) > LONGEST]).size:
+                raise InputError(f"joint value {excess[0]:g} m of {name}; it slides {LONGEST:,.0f} m at most")
 
     def _check_names(self, q: Mapping[str, object]) -> None:
         for name in arguments.check_mapping("joint values", q):
@@ -233,7 +233,7 @@ class ApproachedPose:
 def read_approach(joints: Sequence[str], approach: object) -> Approach:
     """Return the approach of one pose, given as for :class:`ApproachedPose`, for joint names in chain order."""
     if isinstance(approach, str):
-        approach = _by_joint(approach)
+        approach = _read_signs(approach)
     if isinstance(approach, Mapping):
         for name in approach:
             if name not in joints:
@@ -253,28 +253,28 @@ def read_approach(joints: Sequence[str], approach: object) -> Approach:
 def read_approaches(poses: object, q: Array, approach: Callable[[Any], Approach]) -> NDArray[np.int8] | None:
     """Return the approach of each of P poses, ``(n, P)``; ``None`` if none has one.
 
-    ``approach`` returns that of a named or approached pose; an :class:`ApproachedPose` of many poses holds for each.
+    ``approach`` reads a named or approached pose; an :class:`ApproachedPose` of many poses holds for each.
     """
-    whole = isinstance(poses, ApproachedPose)
-    listed = poses if isinstance(poses, list | tuple) else [poses]
-    found = np.zeros(q.shape, dtype=np.int8)
+    is_common = isinstance(poses, ApproachedPose)
+    pose_list = poses if isinstance(poses, list | tuple) else [poses]
+    signs = np.zeros(q.shape, dtype=np.int8)
     along = cache(lambda: approaches_along(q))
-    for k, one in enumerate(listed):
-        columns = slice(None) if whole else slice(k, k + 1)
-        if isinstance(one, ApproachedPose) and one.is_from_previous:
-            found[:, columns] = along()[:, columns]
-        elif isinstance(one, str | ApproachedPose) and (own := approach(one)):
-            found[:, columns] = np.array(own, dtype=np.int8)[:, None]
-    return found if found.any() else None
+    for k, pose in enumerate(pose_list):
+        columns = slice(None) if is_common else slice(k, k + 1)
+        if isinstance(pose, ApproachedPose) and pose.is_from_previous:
+            signs[:, columns] = along()[:, columns]
+        elif isinstance(pose, str | ApproachedPose) and (joint_signs := approach(pose)):
+            signs[:, columns] = np.array(joint_signs, dtype=np.int8)[:, None]
+    return signs if signs.any() else None
 
 
 def approaches_along(q: Array) -> NDArray[np.int8]:
     """Return the approach ``(n, P)`` of P poses passed in order: each joint's last motion, 0 before its first."""
     steps = np.diff(q, axis=1, prepend=q[:, :1])
-    moved = np.abs(steps) > _STILL
-    last = np.maximum.accumulate(np.where(moved, np.arange(q.shape[1]), 0), axis=1)
+    is_moving = np.abs(steps) > _STILL
+    last_columns = np.maximum.accumulate(np.where(is_moving, np.arange(q.shape[1]), 0), axis=1)
     # column 0 never moves, so poses before a joint's first motion read it
-    return np.sign(np.where(moved, steps, 0.0))[np.arange(len(q))[:, None], last].astype(np.int8)
+    return np.sign(np.where(is_moving, steps, 0.0))[np.arange(len(q))[:, None], last_columns].astype(np.int8)
 
 
 def approach_entry(written: Mapping[str, str]) -> dict[str, dict[str, str]]:
@@ -291,8 +291,8 @@ def written_approach(joints: Sequence[str], approach: Approach) -> dict[str, str
     }
 
 
-def _by_joint(text: str) -> dict[str, str]:
-    found: dict[str, str] = {}
+def _read_signs(text: str) -> dict[str, str]:
+    signs: dict[str, str] = {}
     for entry in text.split(","):
         name, _, sign = entry.strip().rpartition(" ")
         if not name:
@@ -300,10 +300,10 @@ def _by_joint(text: str) -> dict[str, str]:
                 f"{entry.strip()!r} is no approach; write a joint and + or -, such as 'joint1 +, joint2 -'"
             )
         name = name.strip()
-        if name in found:
+        if name in signs:
             raise InputError(f"the approach of the joint {name!r} is given twice")
-        found[name] = sign
-    return found
+        signs[name] = sign
+    return signs
 
 
 def _sign(joint: str, value: object) -> int:

@@ -24,7 +24,7 @@ from precision_pin.base.errors import InputError, InternalError, UnknownNameErro
 PREFIX: Final = "example:"
 DESCRIPTIONS: Final = "robot_descriptions:"
 ELSEWHERE: Final = (PREFIX, DESCRIPTIONS)
-"""Prefixes of robots of other packages, in place of a path."""
+"""Prefixes of robots of other packages, instead of a path."""
 _ENDING: Final = "_description"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"
 PAPER: Final = "4dof"
@@ -51,11 +51,11 @@ def example_urdfs() -> dict[str, Path]:
 def _listed_urdfs(folder: str) -> dict[str, Path]:
     """Return the URDFs that the package installed in a folder; empty files are left out."""
     # the package has no Python module; its metadata lists the files
-    listed = importlib.metadata.distribution("example-robot-data").files or ()
-    files = [file for file in listed if file.suffix == ".urdf" and "robots" in file.parts]
+    package_files = importlib.metadata.distribution("example-robot-data").files or ()
+    files = [file for file in package_files if file.suffix == ".urdf" and "robots" in file.parts]
     files.sort(key=lambda file: (file.stem.endswith("_robot"), str(file)))
-    named = [(file.stem.removesuffix("_robot"), Path(folder, file)) for file in files]
-    return {name: path for name, path in named if path.is_file() and path.stat().st_size}
+    named_files = [(file.stem.removesuffix("_robot"), Path(folder, file)) for file in files]
+    return {name: path for name, path in named_files if path.is_file() and path.stat().st_size}
 
 
 def own_urdfs() -> dict[str, Path]:
@@ -70,11 +70,11 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
     if text.startswith(PREFIX):
         return _example(text.removeprefix(PREFIX))
     if text.startswith(DESCRIPTIONS):
-        found = description(text.removeprefix(DESCRIPTIONS))
-        if not hasattr(found, "URDF_PATH"):
+        module = description(text.removeprefix(DESCRIPTIONS))
+        if not hasattr(module, "URDF_PATH"):
             message = f"{text} is written in xacro; precision-pin init {text} [NAME:=VALUE]... writes it as a URDF"
             raise InputError.of("E_XACRO", message)
-        return Path(found.URDF_PATH)
+        return Path(module.URDF_PATH)
     path = Path(folder) / text
     suggestion = None if os.path.lexists(path) or text.endswith(os.sep) else _suggest_robot(path)
     if suggestion is not None:
@@ -84,22 +84,22 @@ def resolve_robot(text: str, folder: str | os.PathLike[str] = ".") -> Path:
 
 
 def _example(name: str) -> Path:
-    own = own_urdfs()
-    if name in own:
-        return own[name]
-    if not (others := example_urdfs()):
+    shipped = own_urdfs()
+    if name in shipped:
+        return shipped[name]
+    if not (examples := example_urdfs()):
         package = "example-robot-data"
         raise InputError(f"{PREFIX}{name}: the package {package} is not installed (pip install {package})")
-    if name in others:
-        return others[name]
-    known = own | others
+    if name in examples:
+        return examples[name]
+    paths = shipped | examples
     if not name:
-        raise InputError.of("E_NAME", f"no example robot named ''; valid: {', '.join(known)}")
-    folded = name.casefold()
-    longer = [other for other in known if folded in other.casefold()]
-    if not longer or folded in map(str.casefold, known):
-        raise UnknownNameError("example robot", name, known)
-    message = f"no example robot named {name!r}; did you mean one of {', '.join(PREFIX + other for other in longer)}?"
+        raise InputError.of("E_NAME", f"no example robot named ''; valid: {', '.join(paths)}")
+    folded_name = name.casefold()
+    candidates = [path for path in paths if folded_name in path.casefold()]
+    if not candidates or folded_name in map(str.casefold, paths):
+        raise UnknownNameError("example robot", name, paths)
+    message = f"no example robot named {name!r}; did you mean one of {', '.join(PREFIX + path for path in candidates)}?"
     raise InputError.of("E_NAME", message)
 
 
@@ -109,26 +109,26 @@ def description(name: str) -> ModuleType:
     Raises `InputError` if the package is not installed, has no such URDF, or cannot download it.
     """
     try:
-        listed = importlib.import_module("robot_descriptions").DESCRIPTIONS
+        descriptions = importlib.import_module("robot_descriptions").DESCRIPTIONS
     except ImportError:
         message = f"{DESCRIPTIONS}{name}: the package robot_descriptions is not installed (pip install 'precision-pin[robots]')"
         raise InputError(message) from None
-    known = [each.removesuffix(_ENDING) for each, about in listed.items() if about.has_urdf]
-    short = name.removesuffix(_ENDING)
-    if short not in known:
-        raise UnknownNameError("robot of robot_descriptions", short, known)
+    robots = [key.removesuffix(_ENDING) for key, about in descriptions.items() if about.has_urdf]
+    robot_name = name.removesuffix(_ENDING)
+    if robot_name not in robots:
+        raise UnknownNameError("robot of robot_descriptions", robot_name, robots)
     try:
         # the package prints what it clones; stdout is for data
         with redirect_stdout(sys.stderr):
-            return importlib.import_module(f"robot_descriptions.{short}{_ENDING}")
+            return importlib.import_module(f"robot_descriptions.{robot_name}{_ENDING}")
     except Exception as error:  # noqa: BLE001 - the package downloads with git, which can fail in many ways
-        what = f"{DESCRIPTIONS}{short} cannot be downloaded by the package robot_descriptions"
+        what = f"{DESCRIPTIONS}{robot_name} cannot be downloaded by the package robot_descriptions"
         raise InputError(f"{what}: {one_line(str(error))}") from None
 
 
 def _suggest_robot(path: Path) -> str | None:
     name = path.name.casefold().removesuffix(ROBOT_SUFFIXES[0]).removesuffix("_robot")
-    examples = {known.casefold(): PREFIX + known for known in example_urdfs()}
+    examples = {example.casefold(): PREFIX + example for example in example_urdfs()}
     if name in examples:
         return examples[name]
     close = difflib.get_close_matches(name, examples, n=1, cutoff=0.65) if not path.suffix and len(name) < 64 else []
@@ -179,28 +179,28 @@ def named_briefly(text: str) -> str:
 def xacro_source(robot: str) -> tuple[Path, dict[str, str], dict[str, str]] | None:
     """Return file, arguments and package folders of a robot in xacro, given as a path or by name; None for others."""
     if robot.startswith(DESCRIPTIONS):
-        found = description(robot.removeprefix(DESCRIPTIONS))
-        if not hasattr(found, "XACRO_PATH"):
+        module = description(robot.removeprefix(DESCRIPTIONS))
+        if not hasattr(module, "XACRO_PATH"):
             return None
-        return Path(found.XACRO_PATH), getattr(found, "XACRO_ARGS", {}), getattr(found, "XACRO_PACKAGE_PATHS", {})
+        return Path(module.XACRO_PATH), getattr(module, "XACRO_ARGS", {}), getattr(module, "XACRO_PACKAGE_PATHS", {})
     return (Path(robot), {}, {}) if robot.endswith(XACRO_SUFFIX) else None
 
 
 def read_arguments(texts: Sequence[str]) -> dict[str, str]:
     """Return xacro arguments written as ``name:=value``; raise `InputError` for other texts."""
-    found = {}
+    arguments = {}
     for text in texts:
         match = re.fullmatch(r"(\w+):=(.*)", text, re.DOTALL)
         if match is None:
             raise InputError.of("E_USAGE", f"{text!r} is no xacro argument; write NAME:=VALUE")
-        found[match[1]] = match[2]
-    return found
+        arguments[match[1]] = match[2]
+    return arguments
 
 
 def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str], folders: Sequence[str]) -> str:
     """Return the URDF that a xacro file makes, mesh names with the xacro's folder.
 
-    Packages are those given by name, or are looked for as those of meshes, in ``folders`` first, and last where ROS has them.
+    Packages are given by name, or are searched like those of meshes, in ``folders`` first, and last where ROS has them.
     """
     try:
         from xacrodoc import XacroDoc
@@ -214,10 +214,10 @@ def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]
     path = file.resolve()
     if not path.is_file():
         raise InputError.of("E_FILE_MISSING", "there is no such file", os.fspath(file))
-    package_dirs, known = [Path(folder).resolve() for folder in folders], finder.get_path
+    package_dirs, find_package = [Path(folder).resolve() for folder in folders], finder.get_path
 
     def locate(name: str) -> str:
-        return os.fspath(packages.get(name) or locate_package(name, path.parent, package_dirs) or known(name))
+        return os.fspath(packages.get(name) or locate_package(name, path.parent, package_dirs) or find_package(name))
 
     try:
         finder.reset()
@@ -231,4 +231,4 @@ def expand(file: Path, arguments: Mapping[str, str], packages: Mapping[str, str]
             message = f"the package {shown(missing[1])} of the xacro is not found; give its folder (--package-dir)"
         raise InputError.of("E_XACRO", message, os.fspath(file)) from None
     finally:
-        finder.get_path = known
+        finder.get_path = find_package

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from precision_pin.robot.collision import Obstruction
 
 Task = Literal["pose", "axis", "position"]
-"""What must match: position and attitude; position and direction of the tool axis; position only."""
+"""Matched quantities: position and attitude; position and direction of the tool axis; position only."""
 
 CONSTRAINTS: Final[dict[Task, int]] = {"pose": 6, "axis": 5, "position": 3}
 
@@ -51,15 +51,15 @@ _FRUITLESS: Final = 6
 """Rounds without a new solution after which a node is done."""
 _CHUNK: Final = 4096
 """Starts solved together: their matrices fit into the cache."""
-_STEPS: Final = 80
-_FIRST_DAMPING: Final = 1e-2
-_LONGEST_STEP: Final = 1.0
+_STEPS: Final = 80  # most damped steps of a start
+_FIRST_DAMPING: Final = 1e-2  # of a start; it falls fivefold with a better step, else it rises fourfold
+_LONGEST_STEP: Final = 1.0  # of a joint: rad, or lengths of the chain
 _STALLED: Final = 1e-3
 _STALLS: Final = 5
-"""A start is abandoned after so many steps in a row that lower the squared residual by less than this fraction."""
+"""A start is abandoned after this many steps in a row that lower the squared residual by less than this fraction."""
 
 Branches = Literal["nearest", "best", "all"]
-"""Which of several solutions."""
+"""Choice among several solutions."""
 
 
 class SolutionSearch:
@@ -87,50 +87,48 @@ class SolutionSearch:
         result = []
         nodes = _CHUNK // _STARTS
         for begin in range(0, wanted.shape[2], nodes):
-            found = self._solve_chunk(np.ascontiguousarray(wanted[:, :, begin : begin + nodes]))
-            within = map(self._choose_turns, found)
-            result += [
-                (own, bool(every.shape[1]) and not own.shape[1]) for own, every in zip(within, found, strict=True)
-            ]
-            step(len(found))
+            solutions = self._solve_chunk(np.ascontiguousarray(wanted[:, :, begin : begin + nodes]))
+            usable = map(self._choose_turns, solutions)
+            result += [(q, bool(every.shape[1]) and not q.shape[1]) for q, every in zip(usable, solutions, strict=True)]
+            step(len(solutions))
         return result
 
     def _solve_chunk(self, wanted: Array) -> list[Array]:
         """Return the distinct solutions ``(n, S)`` of each wanted pose, also those outside the limits."""
         starts = self._rank_starts(wanted)
         count = wanted.shape[2]
-        found = [np.zeros((len(self.units), 0)) for _ in range(count)]
+        solutions = [np.zeros((len(self.units), 0)) for _ in range(count)]
         fruitless = np.zeros(count, dtype=int)
         active = np.arange(count)
         for number in range(_ROUNDS):
             round_ = starts[:, number * _STARTS : (number + 1) * _STARTS]
-            ends = self._descend_from(wanted, active, round_, self.is_redundant)
-            for node, own in zip(active, ends, strict=True):
-                before = found[node].shape[1]
-                found[node] = self._merge(np.column_stack([found[node], own]))
-                fruitless[node] = 0 if found[node].shape[1] > before else fruitless[node] + 1
-            done = fruitless >= _FRUITLESS
+            final_q = self._descend_from(wanted, active, round_, self.is_redundant)
+            for node, q in zip(active, final_q, strict=True):
+                old_count = solutions[node].shape[1]
+                solutions[node] = self._merge(np.column_stack([solutions[node], q]))
+                fruitless[node] = 0 if solutions[node].shape[1] > old_count else fruitless[node] + 1
+            is_done = fruitless >= _FRUITLESS
             if self.is_redundant:
-                done |= [own.shape[1] > 0 for own in found]
-            active = np.flatnonzero(~done)
+                is_done |= [q.shape[1] > 0 for q in solutions]
+            active = np.flatnonzero(~is_done)
             if not len(active):
                 break
         if self.is_redundant:
             # without limits, to tell unreachable poses from those that the limits forbid
-            none = np.array([k for k, own in enumerate(found) if not own.shape[1]], dtype=np.intp)
-            for node, own in zip(none, self._descend_from(wanted, none, starts[:, :_STARTS], False), strict=True):
-                found[node] = own
-        return found
+            unsolved = np.array([k for k, q in enumerate(solutions) if not q.shape[1]], dtype=np.intp)
+            for node, q in zip(unsolved, self._descend_from(wanted, unsolved, starts[:, :_STARTS], False), strict=True):
+                solutions[node] = q
+        return solutions
 
     def _descend_from(
         self, wanted: Array, nodes: NDArray[np.intp], starts: NDArray[np.intp], within_limits: bool
     ) -> list[Array]:
         """Return the solutions ``(n, S)`` found from ``starts`` ``(N, S)`` in the list, for each of some nodes."""
-        each = starts.shape[1]
-        targets = np.repeat(wanted[:, :, nodes], each, axis=2)
-        ends, is_solution = self._descend(targets, self.listed[:, starts[nodes].ravel()], within_limits)
-        slices = [slice(rank * each, (rank + 1) * each) for rank in range(len(nodes))]
-        return [ends[:, own][:, is_solution[own]] for own in slices]
+        count = starts.shape[1]
+        targets = np.repeat(wanted[:, :, nodes], count, axis=2)
+        final_q, is_solution = self._descend(targets, self.listed[:, starts[nodes].ravel()], within_limits)
+        slices = [slice(rank * count, (rank + 1) * count) for rank in range(len(nodes))]
+        return [final_q[:, rows][:, is_solution[rows]] for rows in slices]
 
     def _rank_starts(self, wanted: Array) -> NDArray[np.intp]:
         """Return the list positions of each node's starts, the reference first, then the nearest, ``(N, S)``."""
@@ -143,7 +141,7 @@ class SolutionSearch:
 
     def _descend(self, wanted: Array, starts: Array, within_limits: bool) -> tuple[Array, NDArray[np.bool_]]:
         """Return where the search from each start ``(n, S)`` ends, and whether it solves its pose ``(4, 4, S)``."""
-        ends, is_solution = starts.copy(), np.zeros(starts.shape[1], dtype=bool)
+        final_q, is_solution = starts.copy(), np.zeros(starts.shape[1], dtype=bool)
         rows = np.arange(starts.shape[1])
         q, target = starts, wanted
         damping = np.full(len(rows), _FIRST_DAMPING)
@@ -151,11 +149,11 @@ class SolutionSearch:
         square, matrix, gradient, is_there = self._linearise(q, target)
         for _ in range(_STEPS):
             raise_if_interrupted()
-            done = is_there | (stalls > _STALLS)
-            if done.any():
-                ends[:, rows[done]], is_solution[rows[done]] = q[:, done], is_there[done]
+            is_done = is_there | (stalls > _STALLS)
+            if is_done.any():
+                final_q[:, rows[is_done]], is_solution[rows[is_done]] = q[:, is_done], is_there[is_done]
                 state: tuple[Any, ...] = (rows, q, target, damping, stalls, square, matrix, gradient)
-                rows, q, target, damping, stalls, square, matrix, gradient = (one[..., ~done] for one in state)
+                rows, q, target, damping, stalls, square, matrix, gradient = (array[..., ~is_done] for array in state)
             if not len(rows):
                 break
             step = _solve_damped(matrix, gradient, damping)
@@ -165,14 +163,14 @@ class SolutionSearch:
             if within_limits:
                 trial = np.clip(trial, self.low[:, None], self.high[:, None])
             new_square, new_matrix, new_gradient, new_is_there = self._linearise(trial, target)
-            better = new_square < square
+            is_better = new_square < square
             stalls = np.where(new_square < (1 - _STALLED) * square, 0, stalls + 1)
-            damping = np.where(better, np.maximum(damping * 0.2, 1e-14), damping * 4.0)
-            is_there = new_is_there & better
-            q = np.where(better, trial, q)
-            square = np.where(better, new_square, square)
-            matrix, gradient = np.where(better, new_matrix, matrix), np.where(better, new_gradient, gradient)
-        return ends, is_solution
+            damping = np.where(is_better, np.maximum(damping * 0.2, 1e-14), damping * 4.0)
+            is_there = new_is_there & is_better
+            q = np.where(is_better, trial, q)
+            square = np.where(is_better, new_square, square)
+            matrix, gradient = np.where(is_better, new_matrix, matrix), np.where(is_better, new_gradient, gradient)
+        return final_q, is_solution
 
     def _linearise(self, q: Array, wanted: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         """Return squared residual, normal matrix, gradient, and whether the tip is there, at postures ``(n, S)``."""
@@ -183,14 +181,14 @@ class SolutionSearch:
         is_there = (shift * shift).sum(axis=0) <= TOLERANCE**2
         if self.task != "position":
             if self.task == "pose":
-                turn = se3.log_rotation(np.einsum("ijs,kjs->iks", wanted[:3, :3], pose[:3, :3]))
-                turns = jacobian[3:]
+                rotation = se3.log_rotation(np.einsum("ijs,kjs->iks", wanted[:3, :3], pose[:3, :3]))
+                rotations = jacobian[3:]
             else:
-                turn, along = _turn_between(se3.turn(pose[:3, :3], self.axis), se3.turn(wanted[:3, :3], self.axis))
+                rotation, along = _turn_between(se3.turn(pose[:3, :3], self.axis), se3.turn(wanted[:3, :3], self.axis))
                 # turning about the tool axis changes nothing
-                turns = jacobian[3:] - along[:, None] * (along[:, None] * jacobian[3:]).sum(axis=0)
-            is_there &= (turn * turn).sum(axis=0) <= TOLERANCE**2
-            rows, residual = np.concatenate([rows, turns]), np.concatenate([residual, turn])
+                rotations = jacobian[3:] - along[:, None] * (along[:, None] * jacobian[3:]).sum(axis=0)
+            is_there &= (rotation * rotation).sum(axis=0) <= TOLERANCE**2
+            rows, residual = np.concatenate([rows, rotations]), np.concatenate([residual, rotation])
         joints = len(q)
         matrix = np.empty((joints, joints, q.shape[1]))
         for i in range(joints):
@@ -200,16 +198,16 @@ class SolutionSearch:
         return (residual * residual).sum(axis=0), matrix, gradient, is_there
 
     def _merge(self, columns: Array) -> Array:
-        """Return the distinct ones of some solutions ``(n, S)``, in order, at most :data:`MOST_SOLUTIONS`."""
+        """Return the distinct columns of solutions ``(n, S)``, in order, at most :data:`MOST_SOLUTIONS`."""
         gaps = columns[:, :, None] - columns[:, None, :]
         turning = ~self.chain.prismatic
         gaps[turning] -= 2 * np.pi * np.rint(gaps[turning] / (2 * np.pi))
         alike = (np.abs(gaps) / self.units[:, None, None]).max(axis=0, initial=0.0) <= SAME
-        kept: list[int] = []
+        indices: list[int] = []
         for column in range(columns.shape[1]):
-            if not alike[column, kept].any():
-                kept.append(column)
-        return columns[:, kept[:MOST_SOLUTIONS]]
+            if not alike[column, indices].any():
+                indices.append(column)
+        return columns[:, indices[:MOST_SOLUTIONS]]
 
     def _choose_turns(self, columns: Array) -> Array:
         """Return the solutions within the limits, each by its turns nearest to the reference, the nearest first."""
@@ -220,8 +218,8 @@ class SolutionSearch:
         up = np.ceil(np.maximum(low - TOLERANCE - q, 0.0) / (2 * np.pi))
         down = np.ceil(np.maximum(q - high - TOLERANCE, 0.0) / (2 * np.pi))
         q = q + 2 * np.pi * (up - down) * turning
-        inside = ((q >= low - TOLERANCE) & (q <= high + TOLERANCE)).all(axis=0)
-        q = np.clip(q[:, inside], low, high)
+        is_inside = ((q >= low - TOLERANCE) & (q <= high + TOLERANCE)).all(axis=0)
+        q = np.clip(q[:, is_inside], low, high)
         distances = (((q - middle) / self.units[:, None]) ** 2).sum(axis=0)
         return q[:, np.argsort(distances, kind="stable")]
 
@@ -237,10 +235,10 @@ def spread_points(dimensions: int, count: int) -> Array:
 
 def _features(poses: Array, task: Task, axis: Array, length: float) -> Array:
     """Return numbers ``(F, N)`` of poses ``(4, 4, N)`` that differ as the poses do: position, tool axis or all axes."""
-    position, turn = poses[:3, 3] / length, poses[:3, :3]
+    position, rotation = poses[:3, 3] / length, poses[:3, :3]
     if task == "position":
         return position
-    return np.concatenate([position, se3.turn(turn, axis) if task == "axis" else turn.reshape(9, -1)])
+    return np.concatenate([position, se3.turn(rotation, axis) if task == "axis" else rotation.reshape(9, -1)])
 
 
 def _turn_between(along: Array, wanted: Array) -> tuple[Array, Array]:
@@ -309,21 +307,21 @@ class Solutions(Fixed):
             InputError: Another word for the solutions, or another number of names.
         """
         check_choice("branches", branches, get_args(Branches))
-        given = ("",) * len(self) if names is None else names
-        if len(given) != len(self):
-            raise InputError(f"{len(given)} names for {len(self)} wanted poses")
+        node_names = ("",) * len(self) if names is None else names
+        if len(node_names) != len(self):
+            raise InputError(f"{len(node_names)} names for {len(self)} wanted poses")
         bounds = np.searchsorted(self.node, np.arange(len(self) + 1))
         # -1, the last column, means no solution
-        chosen = [self._choose(begin, end, branches) or [-1] for begin, end in pairwise(bounds)]
-        nodes = [node for node, own in enumerate(chosen) for _ in own]
-        columns = [column for own in chosen for column in own]
+        choices = [self._choose(begin, end, branches) or [-1] for begin, end in pairwise(bounds)]
+        nodes = [node for node, choice in enumerate(choices) for _ in choice]
+        columns = [column for choice in choices for column in choice]
         values = np.column_stack([self.q, np.full(len(self.q), np.nan)])
-        values[:, [column for column, what in enumerate(self.hit) if what]] = np.nan
+        values[:, [column for column, obstruction in enumerate(self.hit) if obstruction]] = np.nan
         numbers = np.append(self.branch, -1)[columns]
         return PoseSet(
             q=values[:, columns],
             names=tuple(
-                f"{given[node]} branch {number}".strip() if branches == "all" and number >= 0 else given[node]
+                f"{node_names[node]} branch {number}".strip() if branches == "all" and number >= 0 else node_names[node]
                 for node, number in zip(nodes, numbers, strict=True)
             ),
             status=tuple(self._status(node, column) for node, column in zip(nodes, columns, strict=True)),
@@ -333,11 +331,11 @@ class Solutions(Fixed):
         )
 
     def _choose(self, begin: int, end: int, branches: Branches) -> list[int]:
-        own = list(range(begin, end))
-        if branches == "all" or not own:
-            return own
-        own = [column for column in own if not (self.hit and self.hit[column])] or own
-        return [max(own, key=self.singular_values.__getitem__) if branches == "best" else own[0]]
+        columns = list(range(begin, end))
+        if branches == "all" or not columns:
+            return columns
+        columns = [column for column in columns if not (self.hit and self.hit[column])] or columns
+        return [max(columns, key=self.singular_values.__getitem__) if branches == "best" else columns[0]]
 
     def _status(self, node: int, column: int) -> PoseStatus:
         if column < 0:
@@ -390,16 +388,16 @@ def inverse_kinematics(
     middle = np.clip(0.0, *chain.configurations.limits) if reference is None else chain.configuration(reference)
     search = SolutionSearch(chain, task, axis / size, middle)
     with steps_to(progress, poses.shape[2], "poses") as step:
-        found = search.solve(poses, step)
-    q = np.concatenate([own for own, _ in found], axis=1)
-    counts = [own.shape[1] for own, _ in found]
+        solutions = search.solve(poses, step)
+    q = np.concatenate([values for values, _ in solutions], axis=1)
+    counts = [values.shape[1] for values, _ in solutions]
     return Solutions(
         wanted=poses,
         q=q,
-        node=np.repeat(np.arange(len(found)), counts),
+        node=np.repeat(np.arange(len(solutions)), counts),
         branch=np.concatenate([np.arange(count) for count in counts]),
         singular_values=smallest_singular_values(chain, q) if q.size else np.zeros(0),
-        is_outside=np.array([is_outside for _, is_outside in found]),
+        is_outside=np.array([is_outside for _, is_outside in solutions]),
         hit=() if chain.collision_check is None else tuple(chain.collision_check.judge(q)),
     )
 
@@ -410,13 +408,13 @@ def _check_poses(wanted: ArrayLike) -> Array:
         raise InputError(f"the wanted poses have the shape {poses.shape}, expected (4, 4) or (4, 4, N)")
     if poses.ndim == 2:
         poses = poses[:, :, None]
-    turn = poses[:3, :3]
-    squares = np.einsum("ijn,kjn->ikn", turn, turn) - np.eye(3)[:, :, None]
-    mirrored = np.linalg.det(np.moveaxis(turn, -1, 0)) < 0
-    wrong = (np.abs(squares).max(axis=(0, 1)) > 1e-9) | mirrored | (poses[3].T != (0, 0, 0, 1)).any(axis=1)
-    if wrong.any():
+    rotation = poses[:3, :3]
+    squares = np.einsum("ijn,kjn->ikn", rotation, rotation) - np.eye(3)[:, :, None]
+    mirrored = np.linalg.det(np.moveaxis(rotation, -1, 0)) < 0
+    is_wrong = (np.abs(squares).max(axis=(0, 1)) > 1e-9) | mirrored | (poses[3].T != (0, 0, 0, 1)).any(axis=1)
+    if is_wrong.any():
         raise InputError(
-            f"the wanted pose {int(np.argmax(wrong))} is no rigid motion: its rotation must be orthogonal to 1e-9, without "
+            f"the wanted pose {int(np.argmax(is_wrong))} is no rigid motion: its rotation must be orthogonal to 1e-9, without "
             "mirroring, its last row 0 0 0 1"
         )
     return poses

@@ -1,4 +1,4 @@
-"""Columns of joint values in files: those that are written, and those of recorders that do not name the joints plainly."""
+"""Columns of joint values in files: our own, and those of recorders that do not name the joints plainly."""
 
 from __future__ import annotations
 
@@ -55,19 +55,19 @@ def recorded(header: Sequence[str], row: Sequence[str], joints: Mapping[str, str
     q = next((q for q in ("actual_q_", "target_q_") if {f"{q}{k}" for k in range(len(_UR))} <= set(header)), "")
     if q:
         recorder = f"UR's RTDE recorder ({q}0 ...)"
-        named = {name: joint for joint in joints for name in _UR if joint.removesuffix("_joint").endswith(name)}
-        if len(named) < len(_UR):
-            listed = ", ".join(f"{q}{k}={joint} [rad]" for k, joint in enumerate(joints))
+        ur_joints = {name: joint for joint in joints for name in _UR if joint.removesuffix("_joint").endswith(name)}
+        if len(ur_joints) < len(_UR):
+            example = ", ".join(f"{q}{k}={joint} [rad]" for k, joint in enumerate(joints))
             message = f"these are columns of {recorder}, and the joints have other names than UR's; say which is which"
-            raise InputError(f"{message}: --columns '{listed}, timestamp=t [s], *=ignore'")
-        found = {f"{q}{k}": named[name] for k, name in enumerate(_UR)}
+            raise InputError(f"{message}: --columns '{example}, timestamp=t [s], *=ignore'")
+        joint_of = {f"{q}{k}": ur_joints[name] for k, name in enumerate(_UR)}
     elif positions:
         recorder = "rostopic echo -p (field.position0 ... by field.name0 ...)"
         cells = {f"field.name{k}": first.get(f"field.name{k}", "") for k in positions}
-        found = {f"field.position{k}": cells[f"field.name{k}"] for k in positions}
+        joint_of = {f"field.position{k}": cells[f"field.name{k}"] for k in positions}
     else:
         recorder = "PlotJuggler (TOPIC/JOINT/position)"
-        found = {column: column.split("/")[-2] for column in header if re.fullmatch(r"/.+/[^/]+/position", column)}
-    names = {column: (joint, joints[joint]) for column, joint in found.items() if joint in joints}
-    whole = replace(given, names={**names, **given.names}, ignores_others=True, cells=cells, recorder=recorder)
-    return whole if names else given
+        joint_of = {column: column.split("/")[-2] for column in header if re.fullmatch(r"/.+/[^/]+/position", column)}
+    names = {column: (joint, joints[joint]) for column, joint in joint_of.items() if joint in joints}
+    columns = replace(given, names={**names, **given.names}, ignores_others=True, cells=cells, recorder=recorder)
+    return columns if names else given

@@ -63,7 +63,7 @@ SAME_CHAIN = 1e-9
 class McpcRow:
     """One row of the parameter table, in the form of the paper's Table 1.
 
-    Row ``link`` i, 0..n, describes ``T_i``; ``joint`` is the one before this link, None for link 0. ``turn`` is the
+    Row ``link`` i, 0..n, describes ``T_i``; ``joint`` precedes this link, None for link 0. ``turn`` is the
     constant turn about z before α (rad): the base turn for link 0, θ_off,i after joint i; ``shift`` that along z (m),
     zero unless a prismatic joint has an error. α, β in rad, x, y in m; γ (rad) and z (m) of the last link, else None.
     """
@@ -214,10 +214,10 @@ class Mcpc:
         value = check_number("the joint value", value)
         if link == 0:
             return np.eye(4)
-        turn, shift = self.joint_offset[link - 1], self.joint_shift[link - 1]
+        angle, shift = self.joint_offset[link - 1], self.joint_shift[link - 1]
         if self.prismatic[link - 1]:
-            return axial_motion(turn, shift + value)
-        return axial_motion(turn + value, shift)
+            return axial_motion(angle, shift + value)
+        return axial_motion(angle + value, shift)
 
     def forward_kinematics(self, q: ArrayLike) -> Array:
         """Return the tip's pose ``(4, 4)`` in the base link at joint values ``(n,)`` (eq 3)."""
@@ -232,20 +232,20 @@ class Mcpc:
         ``Exp(k_j Δ_j)`` in this order reproduces the perturbed ``T_i`` at any size of Δ.
         """
         self._check_link(link)
-        last = link == self.joint_count
-        gamma, z = (self.gamma, self.z) if last else (0.0, 0.0)
+        is_last = link == self.joint_count
+        gamma, z = (self.gamma, self.z) if is_last else (0.0, 0.0)
         alpha, beta = self.alpha[link], self.beta[link]
-        (sin_alpha, cos_alpha), (sin_beta, cos_beta) = ((math.sin(one), math.cos(one)) for one in (alpha, beta))
-        turned = se3.rotation_about(Z_AXIS, gamma).T
-        k6 = turned @ (-cos_alpha * sin_beta, sin_alpha, cos_alpha * cos_beta)
-        k7 = turned @ (cos_beta, 0.0, sin_beta)
-        k8 = turned @ Y_AXIS
+        (sin_alpha, cos_alpha), (sin_beta, cos_beta) = ((math.sin(angle), math.cos(angle)) for angle in (alpha, beta))
+        rotation = se3.rotation_about(Z_AXIS, gamma).T
+        k6 = rotation @ (-cos_alpha * sin_beta, sin_alpha, cos_alpha * cos_beta)
+        k7 = rotation @ (cos_beta, 0.0, sin_beta)
+        k8 = rotation @ Y_AXIS
         point = np.array([self.x[link], self.y[link], z])
         x_axis, y_axis, z_axis = np.eye(3)
         columns = [_turn(k7, point), _turn(k8, point), _shift(x_axis), _shift(y_axis)]
         if link:
             columns.insert(0, _shift(k6) if self.prismatic[link - 1] else _turn(k6, point))
-        if last:
+        if is_last:
             columns[-2:] = [_turn(z_axis, point), *columns[-2:], _shift(z_axis)]
         return np.column_stack(columns)
 
@@ -336,9 +336,9 @@ def tilt(alpha: float, beta: float) -> Array:
     return se3.rotation_about(X_AXIS, alpha) @ se3.rotation_about(Y_AXIS, beta)
 
 
-def axial_motion(turn: float, shift: float) -> Array:
+def axial_motion(angle: float, shift: float) -> Array:
     """Return the motion along and about z, ``Rot(z, turn)·Trans(0, 0, shift)``, ``(4, 4)``."""
-    return se3.pose(se3.rotation_about(Z_AXIS, turn), (0.0, 0.0, shift))
+    return se3.pose(se3.rotation_about(Z_AXIS, angle), (0.0, 0.0, shift))
 
 
 def tilt_angles(direction: Array) -> tuple[float, float]:
@@ -392,21 +392,21 @@ def parameter_errors(mcpc: Mcpc, displacements: ArrayLike, chart: Literal["compl
         alpha, beta = _nearest_tilt(displaced[:3, 2], float(mcpc.alpha[i]), float(mcpc.beta[i]))
         rotation = tilt(alpha, beta)
         about = rotation.T @ displaced[:3, :3]
-        turn = math.atan2(about[1, 0], about[0, 0])
+        angle = math.atan2(about[1, 0], about[0, 0])
         angles = [math.remainder(alpha - mcpc.alpha[i], math.tau), math.remainder(beta - mcpc.beta[i], math.tau)]
-        own = list(mcpc.parameter_indices(i)[1 if i else 0 :])
+        rows = list(mcpc.parameter_indices(i)[1 if i else 0 :])
         if i == n:
             x, y, z = displaced[:3, :3].T @ displaced[:3, 3]
-            turn = math.remainder(turn - mcpc.gamma, math.tau)
-            result[own] = [*angles, turn, x - mcpc.x[i], y - mcpc.y[i], z - mcpc.z]
+            angle = math.remainder(angle - mcpc.gamma, math.tau)
+            result[rows] = [*angles, angle, x - mcpc.x[i], y - mcpc.y[i], z - mcpc.z]
             break
         x, y, shift = rotation.T @ displaced[:3, 3]
-        result[own] = [*angles, x - mcpc.x[i], y - mcpc.y[i]]
+        result[rows] = [*angles, x - mcpc.x[i], y - mcpc.y[i]]
         if chart == "offsets" and mcpc.prismatic[i]:
             result[i], shift = shift, 0.0
         elif chart == "offsets":
-            result[i], turn = turn, 0.0
-        carried = axial_motion(turn, shift)
+            result[i], angle = angle, 0.0
+        carried = axial_motion(angle, shift)
     return result
 
 
@@ -431,22 +431,22 @@ def frame_displacements(mcpc: Mcpc, parameter_errors: ArrayLike) -> Array:
 
 
 def _poses(displacements: ArrayLike, count: int) -> Array:
-    what = "mcpc displacements"
-    poses = check_numbers(what, displacements, needs=f"({count}, 6) or ({count}, 4, 4)")
+    name = "mcpc displacements"
+    poses = check_numbers(name, displacements, needs=f"({count}, 6) or ({count}, 4, 4)")
     if poses.shape == (count, 6):
         return np.array([se3.displacement(six) for six in poses])
     if poses.shape != (count, 4, 4):
-        raise InputError(f"{what}: shape {poses.shape} is not ({count}, 6) or ({count}, 4, 4)")
+        raise InputError(f"{name}: shape {poses.shape} is not ({count}, 6) or ({count}, 4, 4)")
     for i, pose in enumerate(poses):
         rotation = pose[:3, :3]
         is_rotation = np.abs(rotation.T @ rotation - np.eye(3)).max() < RIGID and np.linalg.det(rotation) > 0
         if not is_rotation or not np.array_equal(pose[3], [0, 0, 0, 1]):
-            raise InputError(f"{what}: number {i} is not a rigid motion (rotation, then last row 0 0 0 1)")
+            raise InputError(f"{name}: number {i} is not a rigid motion (rotation, then last row 0 0 0 1)")
     return poses
 
 
 def _nearest_tilt(direction: Array, alpha: float, beta: float) -> tuple[float, float]:
-    """Return the (α, β) that bring z onto a direction: of the two pairs, the one nearer to the given pair."""
+    """Return the (α, β) that bring z onto a direction: of two pairs, the one nearer to the given pair."""
     first = tilt_angles(direction)
     second = (first[0] + math.pi, math.pi - first[1])
 
@@ -574,12 +574,12 @@ def to_placements(nominal: Mcpc, perturbed: Mcpc, chain: JointChain) -> Array:
     Raises:
         InputError: The chain is not the one that ``nominal`` was extracted from, or ``perturbed`` was not made from it.
     """
-    same = (
+    is_same = (
         nominal.joint_names == perturbed.joint_names == tuple(chain.joint_names)
         and nominal.prismatic.tolist() == perturbed.prismatic.tolist() == list(chain.prismatic)
         and nominal.base_turn == perturbed.base_turn
     )
-    if not same:
+    if not is_same:
         raise InputError("mcpc to_placements: the two parameter sets and the chain do not have the same joints")
     original = np.asarray(chain.placements, dtype=float)
     result = original.copy()
@@ -621,8 +621,8 @@ def _offset(point: Array, direction: Array, *, last: bool) -> float:
 
 def _reduce_to_half_turn(angle: float) -> float:
     """Return the angle modulo π, in (-π/2, π/2]; the signs of α, x and y absorb the half turn, β the rest of a tie."""
-    folded = math.remainder(angle, math.pi)
-    return math.pi / 2 if folded < -math.pi / 2 + TIE else folded + 0.0
+    remainder = math.remainder(angle, math.pi)
+    return math.pi / 2 if remainder < -math.pi / 2 + TIE else remainder + 0.0
 
 
 def mcpc_table(mcpc: Mcpc) -> str:

@@ -25,10 +25,10 @@ MOST_FACES: Final = 120_000
 
 # corners closer than this share of the arm's length are one; the share grows until all surfaces fit
 _FINEST: Final = 1e-5
-_GROWTH: Final = 2.0
-_MOST_TRIALS: Final = 6
-_ENOUGH: Final = 0.3
-_KEY_BITS: Final = 21
+_GROWTH: Final = 2.0  # factor of the share until the surfaces fit
+_MOST_TRIALS: Final = 6  # of the share; then faces are left out
+_ENOUGH: Final = 0.3  # of the allowed faces: with as many the search ends
+_KEY_BITS: Final = 21  # of a coordinate: three of them fit into a corner's key of 64 bits
 
 
 class UnreadableMeshError(Exception):
@@ -45,7 +45,7 @@ class Surface:
 
 
 class MeshReader:
-    """Reads a robot's meshes, each file once; searches beside the URDF and in ``package_dirs``."""
+    """Reads a robot's meshes, each file once; searches next to the URDF and in ``package_dirs``."""
 
     def __init__(self, file: str, package_dirs: Sequence[Path]) -> None:
         self._file = file
@@ -59,10 +59,10 @@ class MeshReader:
                 self._known[mesh.filename] = self._read(mesh.filename, owner)
             except UnreadableMeshError as problem:
                 self._known[mesh.filename] = str(problem)
-        known = self._known[mesh.filename]
-        if isinstance(known, str):
-            raise UnreadableMeshError(known)
-        return tuple(replace(one, vertices=one.vertices * mesh.scale) for one in known)
+        cached = self._known[mesh.filename]
+        if isinstance(cached, str):
+            raise UnreadableMeshError(cached)
+        return tuple(replace(surface, vertices=surface.vertices * mesh.scale) for surface in cached)
 
     def _read(self, filename: str, owner: str) -> tuple[Surface, ...]:
         folder = Path(self._file).resolve().parent
@@ -93,14 +93,14 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
     triangles, triangles are taken at regular intervals instead.
     """
     finest = _FINEST * length
-    whole = result = tuple(_joined(one, finest) for one in surfaces)
-    if _count(whole) <= most_faces:
-        return whole
+    all_surfaces = result = tuple(_merge_corners(surface, finest) for surface in surfaces)
+    if _count(all_surfaces) <= most_faces:
+        return all_surfaces
     # a surface of area A in cells of size c has about 2 A / c² triangles
     fine, cell = finest, max(_GROWTH * finest, math.sqrt(sum(map(_area, result)) / most_faces))
     coarse: float | None = None
     for _ in range(_MOST_TRIALS):
-        trial = tuple(_joined(one, cell) for one in whole)
+        trial = tuple(_merge_corners(surface, cell) for surface in all_surfaces)
         if _count(trial) > most_faces:
             fine, result = cell, trial
         elif _count(trial) >= _ENOUGH * most_faces:
@@ -109,16 +109,16 @@ def thinned(surfaces: Sequence[Surface], length: float, most_faces: int = MOST_F
             coarse = cell
         cell = _GROWTH * fine if coarse is None else math.sqrt(fine * coarse)
     step = math.ceil(_count(result) / most_faces)
-    return tuple(_with_faces(one, one.faces[::step]) for one in result)
+    return tuple(_with_faces(surface, surface.faces[::step]) for surface in result)
 
 
 def _with_faces(surface: Surface, faces: NDArray[np.int64]) -> Surface:
-    used, renumbered = np.unique(faces, return_inverse=True)
-    return replace(surface, vertices=surface.vertices[used], faces=renumbered.reshape(-1, 3))
+    vertices, renumbered = np.unique(faces, return_inverse=True)
+    return replace(surface, vertices=surface.vertices[vertices], faces=renumbered.reshape(-1, 3))
 
 
 def _count(surfaces: Sequence[Surface]) -> int:
-    return sum(len(one.faces) for one in surfaces)
+    return sum(len(surface.faces) for surface in surfaces)
 
 
 def _area(surface: Surface) -> float:
@@ -126,7 +126,7 @@ def _area(surface: Surface) -> float:
     return float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
 
 
-def _joined(surface: Surface, cell: float) -> Surface:
+def _merge_corners(surface: Surface, cell: float) -> Surface:
     if not len(surface.faces):
         return surface
     lowest = surface.vertices.min(axis=0)
@@ -137,12 +137,12 @@ def _joined(surface: Surface, cell: float) -> Surface:
     means = [np.bincount(renumbered, weights=surface.vertices[:, axis]) / counts for axis in range(3)]
     faces = renumbered[surface.faces]
     first, second, third = faces.T
-    kept = faces[(first != second) & (second != third) & (third != first)]
-    return _with_faces(replace(surface, vertices=np.stack(means, axis=1)), kept)
+    proper_faces = faces[(first != second) & (second != third) & (third != first)]
+    return _with_faces(replace(surface, vertices=np.stack(means, axis=1)), proper_faces)
 
 
 class _Companions:
-    """Gives trimesh the files read beside a mesh, and no others: images are not opened."""
+    """Gives trimesh the files next to a mesh, and no others: images are not opened."""
 
     def __init__(self, files: Mapping[str, bytes]) -> None:
         self._files = files
@@ -172,9 +172,9 @@ def _load(file: MeshFile) -> tuple[Surface, ...]:
         geometry = scene.geometry[name]
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue
-        moved = np.asarray(geometry.vertices, dtype=float) @ transform[:3, :3].T + transform[:3, 3]
-        check_numbers(moved)
-        by_colour.setdefault(_own_colour(geometry), []).append((moved, np.asarray(geometry.faces, dtype=np.int64)))
+        vertices = np.asarray(geometry.vertices, dtype=float) @ transform[:3, :3].T + transform[:3, 3]
+        check_numbers(vertices)
+        by_colour.setdefault(_own_colour(geometry), []).append((vertices, np.asarray(geometry.faces, dtype=np.int64)))
     return tuple(merged(parts, colour) for colour, parts in by_colour.items())
 
 

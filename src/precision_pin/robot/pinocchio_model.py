@@ -98,34 +98,34 @@ def model_poses(
     for name, number in numbers.items():
         if model.nvs[number] != 1:
             raise InputError(f"the joint {name!r} of the Pinocchio model is none that turns or slides alone")
-    data, found, gravity = model.createData(), [], np.zeros(3)
-    away = np.zeros(model.nv)
+    data, samples, gravity = model.createData(), [], np.zeros(3)
+    offsets = np.zeros(model.nv)
     for rank, number in enumerate(numbers.values(), 1):
-        away[model.idx_vs[number]] = 0.1 * rank
+        offsets[model.idx_vs[number]] = 0.1 * rank
     neutral = pinocchio.neutral(model)
-    for step in (np.zeros(model.nv), away):
+    for step in (np.zeros(model.nv), offsets):
         q = pinocchio.integrate(model, neutral, step)
         pinocchio.framesForwardKinematics(model, data, q)
         place = data.oMf[model.getFrameId(base)]
         gravity = place.rotation.T @ model.gravity.linear
         values = {name: float(step[model.idx_vs[number]]) for name, number in numbers.items()}
-        found.append((values, np.array((place.inverse() * data.oMf[model.getFrameId(tip)]).homogeneous)))
-    return gravity, found
+        samples.append((values, np.array((place.inverse() * data.oMf[model.getFrameId(tip)]).homogeneous)))
+    return gravity, samples
 
 
 def _replace_names(robot: Robot) -> Robot:
     """Return the robot with names replaced by numbers: ``link000000``, ``joint000000`` … in the order of the names."""
     # URDF readers sort by name, so Pinocchio's joints and sums keep the order of the file's own names
     links, joints = (
-        {name: f"{kind}{k:06d}" for k, name in enumerate(sorted((one.name for one in things), key=str.encode))}
-        for kind, things in (("link", robot.links), ("joint", robot.joints))
+        {name: f"{kind}{k:06d}" for k, name in enumerate(sorted((thing.name for thing in elements), key=str.encode))}
+        for kind, elements in (("link", robot.links), ("joint", robot.joints))
     )
     renamed = (
         replace(joint, name=joints[joint.name], parent=links[joint.parent], child=links[joint.child])
         for joint in robot.joints
     )
-    own = (replace(link, name=links[link.name]) for link in robot.links)
-    return Robot("robot", robot.file, tuple(own), tuple(renamed))
+    renamed_links = (replace(link, name=links[link.name]) for link in robot.links)
+    return Robot("robot", robot.file, tuple(renamed_links), tuple(renamed))
 
 
 def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
@@ -136,8 +136,8 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
     if sorted(model.names) != sorted(["universe", *(joint.name for joint in moving)]):
         raise InternalError(f"{robot.file}: Pinocchio loaded the joints {sorted(model.names)[:8]} …")
     values = {joint.name: 0.3 + 0.1 * (k % 7) for k, joint in enumerate(moving)}
-    ours = robot.link_poses(values)
-    reach = 1.0 + max(float(np.abs(pose[:3, 3]).max()) for pose in ours.values())
+    link_poses = robot.link_poses(values)
+    length = 1.0 + max(float(np.abs(pose[:3, 3]).max()) for pose in link_poses.values())
     q = pinocchio.neutral(model)
     for name, value in values.items():
         q[model.joints[model.getJointId(name)].idx_q] = value
@@ -151,9 +151,9 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
             raise InternalError(f"{robot.file}: Pinocchio did not load the link {names[link.name]!r}")
         number = model.getFrameId(link.name, pinocchio.FrameType.BODY)
         frame = model.frames[number]
-        if np.abs(data.oMf[number].homogeneous - ours[link.name]).max() > AGREEMENT * reach:
-            what = f"places the link {names[link.name]!r} at another pose than the URDF"
-            raise InternalError(f"{robot.file}: Pinocchio {what}")
+        if np.abs(data.oMf[number].homogeneous - link_poses[link.name]).max() > AGREEMENT * length:
+            message = f"places the link {names[link.name]!r} at another pose than the URDF"
+            raise InternalError(f"{robot.file}: Pinocchio {message}")
         if link.inertial is not None:
             local = frame.placement.homogeneous
             centre = local[:3, :3] @ np.asarray(link.inertial.com) + local[:3, 3]
@@ -163,11 +163,11 @@ def _verify(model: Any, robot: Robot, written: Sequence[str]) -> None:
             fixed = model.frames[model.getFrameId(parent.name, pinocchio.FrameType.FIXED_JOINT)].inertia
             mass, centre = (link.inertial.mass, link.inertial.com) if link.inertial is not None else (0.0, (0.0,) * 3)
             moment = float(np.abs(fixed.mass * fixed.lever - mass * np.array(centre)).max())
-            if max(abs(fixed.mass - mass), moment) > AGREEMENT * max(1.0, mass) * reach:
+            if max(abs(fixed.mass - mass), moment) > AGREEMENT * max(1.0, mass) * length:
                 raise InternalError(f"{robot.file}: Pinocchio lost mass of the link {names[link.name]!r}")
     for link_name, number in bodies.items():
-        scale, inertia = max(1.0, float(moments[number][0])) * reach, model.inertias[number]
-        theirs = np.array([inertia.mass, *(inertia.mass * inertia.lever)])
-        if np.abs(moments[number] - theirs).max() > AGREEMENT * scale:
-            what = f"lost mass of the link {names[link_name]!r} or one fixed to it"
-            raise InternalError(f"{robot.file}: Pinocchio {what}")
+        scale, inertia = max(1.0, float(moments[number][0])) * length, model.inertias[number]
+        pinocchio_moments = np.array([inertia.mass, *(inertia.mass * inertia.lever)])
+        if np.abs(moments[number] - pinocchio_moments).max() > AGREEMENT * scale:
+            message = f"lost mass of the link {names[link_name]!r} or one fixed to it"
+            raise InternalError(f"{robot.file}: Pinocchio {message}")

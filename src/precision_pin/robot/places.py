@@ -130,17 +130,17 @@ class LinkFrame(Fixed):
 def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, float]) -> dict[str, float]:
     """Return the value of every moving joint that is not on the chain."""
     on_chain = {joint.name for joint in joints}
-    still = {joint.name: joint for joint in robot.joints if joint.kind != "fixed" and joint.name not in on_chain}
+    other_joints = {joint.name: joint for joint in robot.joints if joint.kind != "fixed" and joint.name not in on_chain}
     for name in locked:
-        if name not in still:
-            raise UnknownNameError("joint to lock", name, still)
+        if name not in other_joints:
+            raise UnknownNameError("joint to lock", name, other_joints)
     values: dict[str, float] = {}
 
     def value_of(name: str) -> float:
         if name in on_chain:
             return 0.0
         if name not in values:
-            joint = still[name]
+            joint = other_joints[name]
             if name in locked:
                 values[name] = locked[name]
             elif joint.mimic is not None:
@@ -151,7 +151,7 @@ def locked_values(robot: Robot, joints: Sequence[Joint], locked: Mapping[str, fl
                 values[name] = 0.0
         return values[name]
 
-    return {name: value_of(name) for name in still}
+    return {name: value_of(name) for name in other_joints}
 
 
 def link_frames(
@@ -159,8 +159,8 @@ def link_frames(
 ) -> tuple[dict[str, LinkFrame], Array]:
     """Return the position of every link, and the placements between the chain's joints."""
     moving = {joint.name: k + 1 for k, joint in enumerate(joints)}
-    way = robot.path(robot.root, tip)
-    path_links = {robot.root, *(joint.child for joint in way)}
+    joint_path = robot.path(robot.root, tip)
+    path_links = {robot.root, *(joint.child for joint in joint_path)}
     frames = {robot.root: LinkFrame(0, np.eye(4), 0, np.zeros(3))}
     placements = np.tile(np.eye(4), (len(joints) + 1, 1, 1))
     waiting = list(robot.child_joints(robot.root))
@@ -182,17 +182,17 @@ def link_frames(
         waiting.extend(robot.child_joints(joint.child))
     placements[-1] = frames[tip].frame
     rows = [_Row([robot.root], [])]
-    for joint in way:
+    for joint in joint_path:
         if joint.name in moving:
             rows.append(_Row([joint.child], []))
         else:
             rows[-1].names.append(joint.child)
             rows[-1].joints.append(joint)
     for row in rows:
-        ends = row.ends(frames, placements)
-        own = row.own(robot, frames)
+        end_pair = row.ends(frames, placements)
+        own_rank = row.own_rank(robot, frames)
         for k, name in enumerate(row.names):
-            frames[name] = replace(frames[name], stretch=ends[row.weight_ends(robot, k)], is_own=k == own)
+            frames[name] = replace(frames[name], stretch=end_pair[row.weight_ends(robot, k)], is_own=k == own_rank)
     return frames, placements
 
 
@@ -210,12 +210,12 @@ class _Row:
         points = [np.zeros(3), *(frames[name].frame[:3, 3] for name in holds)]
         return np.array([*points, placements[frames[self.names[0]].link][:3, 3]])
 
-    def own(self, robot: Robot, frames: Mapping[str, LinkFrame]) -> int:
+    def own_rank(self, robot: Robot, frames: Mapping[str, LinkFrame]) -> int:
         """Return the number of the chain link's own body."""
         first = max((k + 1 for k, joint in enumerate(self.joints) if joint.reversed), default=0)
         origins = [frames[name].frame[:3, 3] for name in self.names]
-        here = [k for k, origin in enumerate(origins) if np.abs(origin - origins[first]).max() <= _SAME_POINT]
-        with_mass = [k for k in here if robot.link(self.names[k]).mass]
+        ranks = [k for k, origin in enumerate(origins) if np.abs(origin - origins[first]).max() <= _SAME_POINT]
+        with_mass = [k for k in ranks if robot.link(self.names[k]).mass]
         return min(with_mass, key=lambda k: abs(k - first), default=first)
 
     def weight_ends(self, robot: Robot, number: int) -> list[int]:
@@ -304,9 +304,9 @@ class Deflection(Fixed):
 
     def shape(self, link: int, far_end: Array) -> BentShape:
         """Return the shape of a link in its axes, where its unbent far end is at ``far_end`` ``(3,)``."""
-        reached = self.links[link, :3, :3].T @ (self.ends[link, :3, 3] - self.links[link, :3, 3])
+        displacement = self.links[link, :3, :3].T @ (self.ends[link, :3, 3] - self.links[link, :3, 3])
         end, bow = self.bending[link]
-        return BentShape(far_end, end, bow, reached - far_end)
+        return BentShape(far_end, end, bow, displacement - far_end)
 
     def carrier(self, load: Load, placement: Array) -> Array:
         """Return the axes of a load's link in the base, moved as the link's shape is where the load acts, ``(4, 4)``.
@@ -325,19 +325,19 @@ class Deflection(Fixed):
             start, stop = reach - half_spread, reach + half_spread
         if length == 0.0 or not self.bending[load.link].any():
             return base
-        moved = self.shape(load.link, far_end).mean_displacement(start, stop)
+        displacement = self.shape(load.link, far_end).mean_displacement(start, stop)
         point = se3.translation(x * (start + stop) / 2)
-        return se3.compose(base, point, se3.displacement(moved), se3.inverse(point))
+        return se3.compose(base, point, se3.displacement(displacement), se3.inverse(point))
 
 
 def own_loads(robot: Robot, frames: Mapping[str, LinkFrame]) -> tuple[Load, ...]:
     """Return the weights of the URDF's links."""
     loads = []
-    for where, inertial in [(frames[link.name], link.inertial) for link in robot.links]:
+    for frame, inertial in [(frames[link.name], link.inertial) for link in robot.links]:
         if inertial is not None and inertial.mass != 0:
             moments = ((inertial.mass * np.array([1.0, *inertial.com]), ()),)
-            entry = where.entry(inertial.com)
-            loads.append(Load(where.link, where.frame, entry, where.is_own, moments, where.stretch))
+            entry = frame.entry(inertial.com)
+            loads.append(Load(frame.link, frame.frame, entry, frame.is_own, moments, frame.stretch))
     return tuple(loads)
 
 
@@ -363,8 +363,8 @@ def weigh(loads: Sequence[Load], carriers: Sequence[Array]) -> dict[Load, Weight
     frames = np.array(carriers) @ np.array([load.frame for load in loads])
     owners = [k for k, load in enumerate(loads) for _ in load.moments]
     moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
-    turned = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
-    rows = iter(np.column_stack([moments[:, 0], turned]).tolist())
+    rotated = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
+    rows = iter(np.column_stack([moments[:, 0], rotated]).tolist())
     return {
         load: (origin, [(factors, *next(rows)) for _, factors in load.moments])
         for load, origin in zip(loads, frames[:, :3, 3].tolist(), strict=True)
@@ -374,8 +374,8 @@ def weigh(loads: Sequence[Load], carriers: Sequence[Array]) -> dict[Load, Weight
 def _weigh_at_many(load: Load, carrier: Array) -> Weight:
     """Return a load in the base at P postures with its link's axes ``(4, 4, P)``."""
     frame = se3.compose(carrier, load.frame)
-    turned = [(moments[0], se3.turn(frame[:3, :3], moments[1:]), factors) for moments, factors in load.moments]
-    return frame[:3, 3], [(factors, mass, x, y, z) for mass, (x, y, z), factors in turned]
+    rotated = [(moments[0], se3.turn(frame[:3, :3], moments[1:]), factors) for moments, factors in load.moments]
+    return frame[:3, 3], [(factors, mass, x, y, z) for mass, (x, y, z), factors in rotated]
 
 
 def wrench_on(
@@ -385,8 +385,8 @@ def wrench_on(
 
     ``tilts`` are contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with their parameters.
     """
-    where = np.asarray(point, dtype=float)
-    x, y, z = where.tolist() if where.ndim == 1 else where
+    coordinates = np.asarray(point, dtype=float)
+    x, y, z = coordinates.tolist() if coordinates.ndim == 1 else coordinates
     # mass and first moment about the point, for each part of gravity and each set of factors
     sums: dict[tuple[int, Factors], tuple[Any, Any, Any, Any]] = {}
     for (o_x, o_y, o_z), pieces in weights:
@@ -405,7 +405,7 @@ def wrench_on(
         (g_x, g_y, g_z), tilting = pulls[part]
         moment = (h_y * g_z - h_z * g_y, h_z * g_x - h_x * g_z, h_x * g_y - h_y * g_x)
         numbers = (m * g_x, m * g_y, m * g_z, *moment)
-        wrench = np.array(numbers if where.ndim == 1 else np.broadcast_arrays(*numbers))
+        wrench = np.array(numbers if coordinates.ndim == 1 else np.broadcast_arrays(*numbers))
         key = (*factors, *tilting)
         total[key] = total[key] + wrench if key in total else wrench
     return total

@@ -32,7 +32,7 @@ MOST_POSES: Final = 2**20 - 1
 """Most poses of a grid: draws of pose scope allow no more."""
 
 
-MOST_ANGLES: Final = 3600
+MOST_ANGLES: Final = 3600  # every tenth of a degree
 Z: Final = (0.0, 0.0, 1.0)
 
 
@@ -77,8 +77,8 @@ def _combinations(rows: list[Array]) -> Array:
     return np.array([axis.ravel() for axis in np.meshgrid(*rows, indexing="ij")])
 
 
-def _row(name: str, given: ArrayLike, quantity: Quantity) -> Array:
-    row = np.atleast_1d(arguments.check_quantities(f"values of {name}", given, quantity))
+def _row(name: str, values: ArrayLike, quantity: Quantity) -> Array:
+    row = np.atleast_1d(arguments.check_quantities(f"values of {name}", values, quantity))
     if row.ndim != 1 or not row.size:
         raise InputError(f"values of {name}: expected one or several numbers, got the shape {row.shape}")
     return row
@@ -89,11 +89,11 @@ def _names(chain: Chain, rows: list[Array], q: Array) -> tuple[str, ...]:
 
     def word(joint: int, value: float) -> str:
         # a grid may miss zero by a last digit
-        shown = round(float(1e3 * value if chain.prismatic[joint] else np.degrees(value)), _DECIMALS) + 0.0
-        return f"{shown:.6g}{' mm' if chain.prismatic[joint] else '°'}"
+        rounded = round(float(1e3 * value if chain.prismatic[joint] else np.degrees(value)), _DECIMALS) + 0.0
+        return f"{rounded:.6g}{' mm' if chain.prismatic[joint] else '°'}"
 
-    words = [[word(joint, value) for value in q[joint]] for joint in varied]
-    return tuple(map(" ".join, zip(*words, strict=True)))
+    labels = [[word(joint, value) for value in q[joint]] for joint in varied]
+    return tuple(map(" ".join, zip(*labels, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +160,8 @@ class Orientation(Fixed):
         if angles is None:
             return cls("axis", upright[None], axis, label)
         arguments.check_whole("the number of angles about the tool axis", angles, 1, MOST_ANGLES)
-        turns = se3.rotation_about(unit, 2 * np.pi * np.arange(angles) / angles)
-        return cls("pose", np.einsum("ija,jk->aik", turns, upright), axis, label)
+        rotations = se3.rotation_about(unit, 2 * np.pi * np.arange(angles) / angles)
+        return cls("pose", np.einsum("ija,jk->aik", rotations, upright), axis, label)
 
     @classmethod
     def free(cls) -> Orientation:
@@ -198,7 +198,7 @@ def box_places(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
          [0.  0. ]
          [0.2 0.2]]
     """
-    return _combinations([_row(name, given, LENGTH) for name, given in (("x", x), ("y", y), ("z", z))])
+    return _combinations([_row(name, values, LENGTH) for name, values in (("x", x), ("y", y), ("z", z))])
 
 
 def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLike, along_v: ArrayLike) -> Array:
@@ -221,8 +221,8 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
     needs = "three finite numbers, in m or with a unit"
     point = arguments.check_quantities("the origin of the plane", origin, LENGTH, (3,), needs)
     units = []
-    for name, given in (("u", u), ("v", v)):
-        direction = arguments.check_numbers(f"the direction {name}", given, (3,), "three finite numbers")
+    for name, values in (("u", u), ("v", v)):
+        direction = arguments.check_numbers(f"the direction {name}", values, (3,), "three finite numbers")
         size = float(np.linalg.norm(direction))
         if not 0 < size < np.inf:
             raise InputError(f"the direction {name} of the plane has length {size:g}; give one such as (1, 0, 0)")
@@ -291,7 +291,7 @@ def check_orientations(given: Orientation | Sequence[Orientation]) -> tuple[Orie
 
 
 def count_wanted(places: int, orientations: Sequence[Orientation]) -> int:
-    """Return the number of poses for the inverse kinematics; raise if it exceeds that of a grid."""
+    """Return the number of poses for the inverse kinematics; raise if it exceeds the limit of a grid."""
     angles = sum(len(kind.rotations) for kind in orientations)
     check_grid_size([places, angles])
     return places * angles
@@ -308,26 +308,26 @@ def _at_orientation(
 ) -> PoseSet:
     """Return the poses at one orientation; a place and an angle about the tool axis are a node."""
     angles = len(kind.rotations)
-    wanted = np.zeros((4, 4, points.shape[1] * angles))
-    wanted[:3, :3] = np.tile(np.moveaxis(kind.rotations, 0, -1), points.shape[1])
-    wanted[:3, 3] = np.repeat(points, angles, axis=1)
-    wanted[3, 3] = 1.0
+    target_poses = np.zeros((4, 4, points.shape[1] * angles))
+    target_poses[:3, :3] = np.tile(np.moveaxis(kind.rotations, 0, -1), points.shape[1])
+    target_poses[:3, 3] = np.repeat(points, angles, axis=1)
+    target_poses[3, 3] = 1.0
     names = tuple(
         ", ".join(filter(None, (place, kind.label if is_named else "", angle)))
         for place in _place_names(points)
         for angle in kind.angle_labels
     )
-    found = inverse_kinematics(
-        chain, wanted, task=kind.task, tool_axis=kind.tool_axis, reference=reference, progress=step
+    solutions = inverse_kinematics(
+        chain, target_poses, task=kind.task, tool_axis=kind.tool_axis, reference=reference, progress=step
     )
-    return found.poses(names, branches)
+    return solutions.poses(names, branches)
 
 
 def _place_by_place(sets: Sequence[PoseSet], angles: Sequence[int]) -> PoseSet:
     """Return the poses at several orientations in the order of the places; each place and orientation is a node."""
-    wanted = [poses.node for poses in sets if poses.node is not None]
-    ranked = enumerate(zip(wanted, angles, strict=True))
-    nodes = np.concatenate([node // count * len(sets) + rank for rank, (node, count) in ranked])
+    node_lists = [poses.node for poses in sets if poses.node is not None]
+    enumerated = enumerate(zip(node_lists, angles, strict=True))
+    nodes = np.concatenate([node // count * len(sets) + rank for rank, (node, count) in enumerated])
     order = np.argsort(nodes, kind="stable")
     return replace(PoseSet.joined(sets).take(order), node=nodes[order])
 
@@ -359,7 +359,7 @@ def random_poses(
     Without ``orientations`` joint values are drawn evenly between their limits, over a whole turn for a joint without
     limits; with a box those with the tip in it are kept. With ``orientations`` places are drawn evenly over the box,
     each with one of the orientations and of its angles about the tool axis, and with one of the branches that lead
-    there. Unreachable places are drawn again, so that the rest lie evenly over what the arm reaches. So are poses at
+    there. Unreachable places are redrawn, so that the rest lie evenly over the reachable space. So are poses at
     which the arm of a sheet hits itself or what it is kept out of; :attr:`PoseSet.left_out` counts them.
 
     Args:
@@ -390,30 +390,30 @@ def random_poses(
         draw = partial(
             _draw_places, chain, check_orientations(orientations), _reach(chain) if limits is None else limits
         )
-    found: list[PoseSet] = []
+    batches: list[PoseSet] = []
     left_out: Counter[str] = Counter()
-    missing, tried = count, 0
+    missing, tries = count, 0
     with steps_to(progress, count, "poses") as step:
         while missing > 0:
             raise_if_interrupted()
-            if tried >= max(_TRIES * count, _LEAST_TRIES):
-                hit = ", ".join(f"{number:,} {what}" for what, number in left_out.items())
+            if tries >= max(_TRIES * count, _LEAST_TRIES):
+                hit = ", ".join(f"{number:,} {kind}" for kind, number in left_out.items())
                 raise InputError(
-                    f"only {count - missing:,} of {tried:,} random poses are within reach and in the box"
+                    f"only {count - missing:,} of {tries:,} random poses are within reach and in the box"
                     f"{f' and hit nothing ({hit})' if hit else ''}; make it larger, or ask for fewer than {count:,}"
                 )
-            together = min(max(2 * missing, _FEWEST), _MOST)
-            drawn = draw(Units(seed, tried, together))
-            tried += together
-            if drawn is None:
+            size = min(max(2 * missing, _FEWEST), _MOST)
+            batch = draw(Units(seed, tries, size))
+            tries += size
+            if batch is None:
                 continue
-            left_out.update(one for one in drawn.status if one in OBSTRUCTED)
-            kept = np.flatnonzero(drawn.known)[:missing]
-            if kept.size:
-                found.append(drawn.take(kept))
-                missing -= len(kept)
-                step(len(kept))
-    poses = PoseSet.joined(found)
+            left_out.update(status for status in batch.status if status in OBSTRUCTED)
+            columns = np.flatnonzero(batch.known)[:missing]
+            if columns.size:
+                batches.append(batch.take(columns))
+                missing -= len(columns)
+                step(len(columns))
+    poses = PoseSet.joined(batches)
     return replace(poses, names=tuple(f"random {number}" for number in range(1, count + 1)), left_out=dict(left_out))
 
 
@@ -430,10 +430,10 @@ def _joint_draws(chain: Chain, box: Array | None) -> Callable[[Units], PoseSet |
         uniforms = units.uniforms([stream_of(name) for name in chain.joint_names], 0)
         poses = PoseSet.at(chain, low[:, None] + (high - low)[:, None] * uniforms)
         if box is not None:
-            inside = np.asarray(((poses.position >= box[:, :1]) & (poses.position <= box[:, 1:])).all(axis=0))
-            if not inside.any():
+            is_inside = np.asarray(((poses.position >= box[:, :1]) & (poses.position <= box[:, 1:])).all(axis=0))
+            if not is_inside.any():
                 return None
-            poses = poses.of(inside)
+            poses = poses.of(is_inside)
         return poses.unobstructed(chain)
 
     return draw
@@ -444,23 +444,23 @@ def _draw_places(chain: Chain, kinds: tuple[Orientation, ...], box: Array, units
     place = units.uniforms([stream_of(f"place {axis}") for axis in "xyz"], 0)
     points = box[:, :1] + (box[:, 1:] - box[:, :1]) * place
     variants = [(rank, angle) for rank, kind in enumerate(kinds) for angle in range(len(kind.rotations))]
-    chosen = (units.uniforms([stream_of("orientation")], 0)[0] * len(variants)).astype(np.intp)
+    variant_of = (units.uniforms([stream_of("orientation")], 0)[0] * len(variants)).astype(np.intp)
     branch = units.uniforms([stream_of("branch")], 0)[0]
     sets, ranks = [], []
     for rank, kind in enumerate(kinds):
-        own = np.flatnonzero([variants[variant][0] == rank for variant in chosen])
-        if not len(own):
+        columns = np.flatnonzero([variants[variant][0] == rank for variant in variant_of])
+        if not len(columns):
             continue
-        wanted = np.zeros((4, 4, len(own)))
-        wanted[:3, :3] = np.moveaxis(kind.rotations[[variants[chosen[k]][1] for k in own]], 0, -1)
-        wanted[:3, 3], wanted[3, 3] = points[:, own], 1.0
-        every = inverse_kinematics(chain, wanted, task=kind.task, tool_axis=kind.tool_axis).poses(branches="all")
-        assert every.node is not None
+        targets = np.zeros((4, 4, len(columns)))
+        targets[:3, :3] = np.moveaxis(kind.rotations[[variants[variant_of[k]][1] for k in columns]], 0, -1)
+        targets[:3, 3], targets[3, 3] = points[:, columns], 1.0
+        solutions = inverse_kinematics(chain, targets, task=kind.task, tool_axis=kind.tool_axis).poses(branches="all")
+        assert solutions.node is not None
         # one of the branches that lead to each place
-        counts = np.bincount(every.node, minlength=len(own))
+        counts = np.bincount(solutions.node, minlength=len(columns))
         first: NDArray[np.intp] = np.cumsum(counts) - counts
-        sets.append(every.take(first + (branch[own] * counts).astype(np.intp)))
-        ranks.append(own)
+        sets.append(solutions.take(first + (branch[columns] * counts).astype(np.intp)))
+        ranks.append(columns)
     return PoseSet.joined(sets).take(np.argsort(np.concatenate(ranks)))
 
 

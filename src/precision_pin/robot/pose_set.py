@@ -71,8 +71,8 @@ class PoseSet:
         arrays = (self.q, self.branch, self.position, self.times, self.node, self.approaches)
         counts = {len(self.names), len(self.status), *(array.shape[-1] for array in arrays if array is not None)}
         if len(counts) > 1:
-            listed = ", ".join(map(str, sorted(counts)))
-            raise InputError(f"the fields of a pose set have {listed} poses, expected one number")
+            count_text = ", ".join(map(str, sorted(counts)))
+            raise InputError(f"the fields of a pose set have {count_text} poses, expected one number")
         if counts == {0}:
             raise InputError("no poses; give at least one")
         fix_fields(self)
@@ -90,17 +90,17 @@ class PoseSet:
 
         ``step`` is called with the number of poses done since the last call.
         """
-        outside = np.asarray(chain.configurations.outside(q).any(axis=0))
+        is_outside_limits = np.asarray(chain.configurations.outside(q).any(axis=0))
         position, singular = np.empty((3, q.shape[1])), np.empty(q.shape[1], dtype=np.bool_)
         for first in range(0, q.shape[1], _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
-            together = np.ascontiguousarray(q[:, part])
-            position[:, part] = chain.at_columns(together).pose[:3, 3]
-            singular[part] = smallest_singular_values(chain, together) < SINGULAR_BELOW
-            step(together.shape[1])
+            chunk = np.ascontiguousarray(q[:, part])
+            position[:, part] = chain.at_columns(chunk).pose[:3, 3]
+            singular[part] = smallest_singular_values(chain, chunk) < SINGULAR_BELOW
+            step(chunk.shape[1])
         status: list[PoseStatus] = [
             "limit" if is_outside else "singular" if is_singular else "reached"
-            for is_outside, is_singular in zip(outside.tolist(), singular.tolist(), strict=True)
+            for is_outside, is_singular in zip(is_outside_limits.tolist(), singular.tolist(), strict=True)
         ]
         return cls(
             q=q,
@@ -132,13 +132,13 @@ class PoseSet:
         """Number, statuses and first name of the poses without joint values; empty without any."""
         if self.known.all():
             return ""
-        out = self.of(~self.known)
-        first = f"{'first ' * (len(out) > 1)}{out.names[0]!r}"
-        return f"{len(out):,} of {len(self):,} poses are left out: {out.counts} ({first})"
+        others = self.of(~self.known)
+        first = f"{'first ' * (len(others) > 1)}{others.names[0]!r}"
+        return f"{len(others):,} of {len(self):,} poses are left out: {others.counts} ({first})"
 
     @property
     def counts(self) -> str:
-        """How many poses have each status, as text."""
+        """Number of poses of each status, as text."""
         return ", ".join(f"{count:,} {status}" for status, count in Counter(self.status).items())
 
     @property
@@ -168,71 +168,71 @@ class PoseSet:
 
     def unobstructed(self, chain: Chain) -> PoseSet:
         """Return the poses with joint values at which the arm hits something removed, and the status to match."""
-        known = np.flatnonzero(self.known)
-        if chain.collision_check is None or not known.size:
+        ranks = np.flatnonzero(self.known)
+        if chain.collision_check is None or not ranks.size:
             return self
-        found = chain.collision_check.judge(np.ascontiguousarray(self.q[:, known]))
-        hit: dict[int, PoseStatus] = {int(pose): what for pose, what in zip(known, found, strict=True) if what}
+        kinds = chain.collision_check.judge(np.ascontiguousarray(self.q[:, ranks]))
+        hit: dict[int, PoseStatus] = {int(pose): kind for pose, kind in zip(ranks, kinds, strict=True) if kind}
         if not hit:
             return self
         q, branch = self.q.copy(), self.branch.copy()
         q[:, list(hit)], branch[list(hit)] = np.nan, NO_BRANCH
-        return replace(self, q=q, branch=branch, status=tuple(hit.get(k, one) for k, one in enumerate(self.status)))
+        return replace(self, q=q, branch=branch, status=tuple(hit.get(k, old) for k, old in enumerate(self.status)))
 
     @property
     def obstructed(self) -> dict[str, int]:
         """Number of poses, dropped ones included, without joint values because the arm hits something, by status."""
-        counts = {what: self.status.count(what) + self.left_out.get(what, 0) for what in OBSTRUCTED}
-        return {what: count for what, count in counts.items() if count}
+        counts = {kind: self.status.count(kind) + self.left_out.get(kind, 0) for kind in OBSTRUCTED}
+        return {kind: count for kind, count in counts.items() if count}
 
     def of(self, mask: NDArray[np.bool_]) -> PoseSet:
         """Return the poses that a mask ``(P,)`` selects, in order."""
         return self.take(np.flatnonzero(mask))
 
     def best_and_worst(self, values: ArrayLike) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return the positions ``(N,)`` of the poses with the least and the greatest value of each node, in order.
+        """Return the positions ``(N,)`` of the poses with the smallest and the largest value of each node, in order.
 
         They are its best and worst branch and angle about the tool axis. NaN is ignored; -1 for a node without a value.
 
         Args:
             values: A value for each pose, such as a spread or a quantile, ``(P,)``.
         """
-        given = np.asarray(values, dtype=np.float64)
-        if given.shape != (len(self),):
-            raise InputError(f"values of shape {given.shape} for {len(self)} poses, expected ({len(self)},)")
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape != (len(self),):
+            raise InputError(f"values of shape {array.shape} for {len(self)} poses, expected ({len(self)},)")
         nodes = np.arange(len(self)) if self.node is None else self.node
-        found = []
+        results = []
         for filler, choose in ((np.inf, np.minimum), (-np.inf, np.maximum)):
-            filled = np.where(np.isnan(given), filler, given)
+            filled = np.where(np.isnan(array), filler, array)
             extremes = np.full(int(nodes.max()) + 1, filler)
             choose.at(extremes, nodes, filled)
-            is_extreme = (filled == extremes[nodes]) & ~np.isnan(given)
+            is_extreme = (filled == extremes[nodes]) & ~np.isnan(array)
             positions = np.full(len(extremes), -1, dtype=np.intp)
             # the first of equal ones
             last_first = np.flatnonzero(is_extreme)[::-1]
             positions[nodes[last_first]] = last_first
-            found.append(positions)
-        return found[0], found[1]
+            results.append(positions)
+        return results[0], results[1]
 
     def with_singular_below(self, chain: Chain, value: float) -> PoseSet:
         """Return the poses with another threshold, not negative, below which one within the limits is singular."""
-        below = check_number("the smallest singular value", value, "zero or more and finite", lambda least: least >= 0)
-        near = np.zeros(len(self), dtype=bool)
-        near[self.known] = smallest_singular_values(chain, self.q[:, self.known]) < below
+        limit = check_number("the smallest singular value", value, "zero or more and finite", lambda x: x >= 0)
+        is_singular = np.zeros(len(self), dtype=bool)
+        is_singular[self.known] = smallest_singular_values(chain, self.q[:, self.known]) < limit
         status: list[PoseStatus] = [
-            one if one not in ("reached", "singular") else "singular" if is_near else "reached"
-            for one, is_near in zip(self.status, near.tolist(), strict=True)
+            label if label not in ("reached", "singular") else "singular" if is_near else "reached"
+            for label, is_near in zip(self.status, is_singular.tolist(), strict=True)
         ]
         return replace(self, status=tuple(status))
 
     def take(self, chosen: NDArray[np.intp]) -> PoseSet:
         """Return the poses at some positions, in that order."""
-        given = {name: getattr(self, name) for name in field_names(PoseSet)}
-        taken: dict[str, Any] = {
-            name: value[..., chosen] for name, value in given.items() if isinstance(value, np.ndarray)
+        field_values = {name: getattr(self, name) for name in field_names(PoseSet)}
+        selection: dict[str, Any] = {
+            name: value[..., chosen] for name, value in field_values.items() if isinstance(value, np.ndarray)
         }
-        taken |= {name: tuple(given[name][k] for k in chosen) for name in ("names", "status")}
-        return replace(self, **taken)
+        selection |= {name: tuple(field_values[name][k] for k in chosen) for name in ("names", "status")}
+        return replace(self, **selection)
 
 
 def chain_length(chain: Chain) -> float:

@@ -113,8 +113,8 @@ class Postures:
     @returns_read_only
     def _rates(self) -> tuple[Array, Array, Array]:
         joints, count = self.q.shape
-        what = f"computing Jacobians and wrenches at {count:,} configurations"
-        check_memory(8.0 * (13 * joints + 6) * count, what, _FEWER)
+        task = f"computing Jacobians and wrenches at {count:,} configurations"
+        check_memory(8.0 * (13 * joints + 6) * count, task, _FEWER)
         # one block of memory: a large block is faster to allocate than several
         rows = np.empty((6 * joints + joints + 6 * (joints + 1), count))
         jacobian, torque, wrench = np.split(rows, [6 * joints, 7 * joints])
@@ -128,9 +128,9 @@ class Postures:
 
         _, slides, *constants = self._constants
         # angles of many turns are reduced to one
-        far = ~slides[:, None] & (np.abs(self.q) > posture_loops.FARTHEST_TURN)
-        near = np.where(far, np.arctan2(np.sin(self.q), np.cos(self.q)), self.q) if far.any() else self.q
-        q = np.require(near, np.float64, ["C", "W"])
+        is_far = ~slides[:, None] & (np.abs(self.q) > posture_loops.FARTHEST_TURN)
+        reduced = np.where(is_far, np.arctan2(np.sin(self.q), np.cos(self.q)), self.q) if is_far.any() else self.q
+        q = np.require(reduced, np.float64, ["C", "W"])
         results = (result.reshape(-1) for result in (poses, jacobian, torque, wrench))
         call(posture_loops.run, (*posture_loops.allocate_scratch(len(q)), q, slides, *constants, *results))
 

@@ -35,8 +35,8 @@ from precision_pin.robot.joint_columns import Column, recorded
 from precision_pin.robot.pose_grids import MOST_POSES
 from precision_pin.robot.pose_set import PoseSet
 
-_LONGEST: Final = 40
-_LARGEST_FILE: Final = 256 * 2**20
+_LONGEST: Final = 40  # letters of a cell in a message
+_LARGEST_FILE: Final = 256 * 2**20  # bytes
 _AT_ONCE: Final = 2**13
 """Lines read together."""
 _Wrong = Callable[[str, int | None], InputError]
@@ -108,12 +108,12 @@ class Trajectory(Fixed):
         if time_step is angle_step is length_step is None:
             return self
         slides = self.chain.prismatic
-        moved = np.abs(np.diff(self.values, axis=0))
-        parts = np.ones(len(moved))
+        motions = np.abs(np.diff(self.values, axis=0))
+        parts = np.ones(len(motions))
         for name, step, distances, missing in (
             ("time_step", time_step, None if self.times is None else np.diff(self.times)[:, None], "no times"),
-            ("angle_step", angle_step, moved[:, ~slides], "no joint that turns"),
-            ("length_step", length_step, moved[:, slides], "no joint that slides"),
+            ("angle_step", angle_step, motions[:, ~slides], "no joint that turns"),
+            ("length_step", length_step, motions[:, slides], "no joint that slides"),
         ):
             if step is None:
                 continue
@@ -125,13 +125,13 @@ class Trajectory(Fixed):
         if not 1 + parts.sum() <= most:
             raise InputError(f"the steps make {1 + parts.sum():,.0f} poses; at most {most:,} are allowed")
         counts = parts.astype(np.intp)
-        firsts = np.repeat(np.arange(len(moved)), counts)
+        firsts = np.repeat(np.arange(len(motions)), counts)
         shares = (np.arange(len(firsts)) - np.repeat(np.cumsum(counts) - counts, counts)) / np.repeat(parts, counts)
         return replace(
             self,
-            values=_between(self.values, firsts, shares[:, None]),
-            times=None if self.times is None else _between(self.times, firsts, shares),
-            rows=_between(self.rows, firsts, shares),
+            values=_interpolate(self.values, firsts, shares[:, None]),
+            times=None if self.times is None else _interpolate(self.times, firsts, shares),
+            rows=_interpolate(self.rows, firsts, shares),
         )
 
 
@@ -146,7 +146,7 @@ def read_trajectory(
 
     A unit may follow a name, as in ``joint1 [deg]``; without one values are in rad or m. A column named ``t``, ``time``,
     ``timestamp``, ``stamp``, ``__time`` (s) or ``%time`` (ns) holds increasing times, unless a joint has that name.
-    Commas, semicolons, tabs or blanks separate the columns; with the last three there may be decimal commas. Files of
+    Commas, semicolons, tabs or spaces separate the columns; with the last three there may be decimal commas. Files of
     UR's RTDE recorder, of ``rostopic echo -p`` and of PlotJuggler are read as they are.
 
     Args:
@@ -159,7 +159,7 @@ def read_trajectory(
 
     Raises:
         InputError: The file cannot be read, is larger than 256 MiB, names other joints, has a wrong unit, or holds a
-            value that is not finite, or without a unit far outside the limits; one line that says where.
+            value that is not finite, or without a unit far outside the limits; the error gives the line.
 
     Examples:
         >>> header = "t,joint1 [deg],joint2,joint3,joint4"
@@ -171,7 +171,7 @@ def read_trajectory(
     check_callable("progress", progress)
     check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
     check_whole("the most poses", most, 1, MOST_POSES)
-    given = ColumnNames.parse(check_instance("columns", columns, str, "such as 'q1=joint1 [deg], n=ignore'"))
+    column_names = ColumnNames.parse(check_instance("columns", columns, str, "such as 'q1=joint1 [deg], n=ignore'"))
     file = os.fspath(check_path("the path of the trajectory", path))
 
     def wrong(message: str, line: int | None = None) -> InputError:
@@ -186,38 +186,38 @@ def read_trajectory(
         line, header = next(((number, text) for number, text in enumerate(lines, 1) if is_row(text)), (0, ""))
         if not line:
             raise wrong("the file is empty; it begins with a row of joint names")
-        peeked: list[str] = []
-        while (not peeked or not is_row(peeked[-1])) and (text := next(lines, "")):
-            peeked.append(text)
-        row = peeked[-1] if peeked else ""
+        head_lines: list[str] = []
+        while (not head_lines or not is_row(head_lines[-1])) and (text := next(lines, "")):
+            head_lines.append(text)
+        row = head_lines[-1] if head_lines else ""
         has_commas = data.find(b",", data.find(row.strip().encode())) >= 0
-        table = _at(line, wrong, _Table, header, row, has_commas, chain, given)
+        table = _call_at(line, wrong, _Table, header, row, has_commas, chain, column_names)
         # quoted text may span several lines
-        together = None if b'"' in data else _AT_ONCE
+        batch_size = None if b'"' in data else _AT_ONCE
         parts: list[Array] = []
-        count, before, first = 0, -math.inf, line
-        every = itertools.chain(peeked, lines)
-        while some := list(itertools.islice(every, together)):
-            part = table.plain([plain for one in some if (plain := one.strip()) and plain[0] != "#"], before)
+        count, last_time, first = 0, -math.inf, line
+        all_lines = itertools.chain(head_lines, lines)
+        while batch := list(itertools.islice(all_lines, batch_size)):
+            part = table.plain([plain for raw in batch if (plain := raw.strip()) and plain[0] != "#"], last_time)
             if part is None or len(part) > most - count:
-                part = table.row_by_row(some, first, before, count, most, wrong)
+                part = table.row_by_row(batch, first, last_time, count, most, wrong)
             parts.append(part)
-            count, before = count + len(part), part[-1, 0] if len(part) else before
-            first += len(some)
-            progress(sum(map(len, some)))
+            count, last_time = count + len(part), part[-1, 0] if len(part) else last_time
+            first += len(batch)
+            progress(sum(map(len, batch)))
     except UnreadableFileError as problem:
         raise wrong(f"the file {problem.reason}") from None
     except csv.Error as problem:
         raise wrong(f"no CSV: {problem}") from None
     if not count:
         raise wrong("no poses: no row follows the joint names", line)
-    return _at(None, wrong, table.trajectory, np.concatenate(parts))
+    return _call_at(None, wrong, table.trajectory, np.concatenate(parts))
 
 
-def _at(line: int | None, wrong: _Wrong, make: Callable[..., Any], *given: Any) -> Any:
-    """Return what a function makes; its error gets the file and the line."""
+def _call_at(line: int | None, wrong: _Wrong, make: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the result of a function; its error gets the file and the line."""
     try:
-        return make(*given)
+        return make(*arguments)
     except InputError as error:
         raise wrong(error.findings[0].message, line) from None
 
@@ -225,11 +225,11 @@ def _at(line: int | None, wrong: _Wrong, make: Callable[..., Any], *given: Any) 
 class _Table:
     """Columns of a file by its first two rows, and how its lines are read: times first, then the joints of ``columns``."""
 
-    def __init__(self, header: str, row: str, has_commas: bool, chain: Chain, given: ColumnNames) -> None:
+    def __init__(self, header: str, row: str, has_commas: bool, chain: Chain, column_names: ColumnNames) -> None:
         self.form, self.chain = TableForm.of(header, row, has_commas), chain
         self.quantities = {joint.name: joint_quantity(joint) for joint in chain.joints}
         cells, si = self.form.cells(header), {name: quantity.si for name, quantity in self.quantities.items()}
-        self.named = recorded(cells, self.form.cells(row), si, given)
+        self.named = recorded(cells, self.form.cells(row), si, column_names)
         headings = read_header(cells, si, " [".join(next(iter(si.items()))) + "]")
         columns = {
             k: self._column(cells[k], name, unit)
@@ -256,14 +256,14 @@ class _Table:
             message = f"the column {name!r} is no joint of the chain; {nearest(name, self.quantities)}"
             raise InputError(f"{message}; --columns '{name}=JOINT [rad]' names its joint, '{name}=ignore' drops it")
         quantity = units.TIME if is_time else self.quantities[name]
-        given = unit or next(filter(quantity.units.__contains__, self.named.units), "")
-        unit = given or (TIMES[name.casefold()] if is_time else quantity.si)
+        explicit_unit = unit or next(filter(quantity.units.__contains__, self.named.units), "")
+        unit = explicit_unit or (TIMES[name.casefold()] if is_time else quantity.si)
         if unit not in quantity.units:
             raise InputError(f"{cell}: {unit!r} is not a unit of {quantity.name}; allowed: {', '.join(quantity.units)}")
-        heading = cell if split_heading(cell, self.quantities)[1:] == (name, given) else f"{name} [{unit}]"
-        return Column(heading, "" if is_time else name, units.parse(f"1 {unit}", quantity), bool(given))
+        heading = cell if split_heading(cell, self.quantities)[1:] == (name, explicit_unit) else f"{name} [{unit}]"
+        return Column(heading, "" if is_time else name, units.parse(f"1 {unit}", quantity), bool(explicit_unit))
 
-    def plain(self, lines: Sequence[str], before: float) -> Array | None:
+    def plain(self, lines: Sequence[str], last_time: float) -> Array | None:
         """Return the values of lines of plain numbers at once; ``None`` if anything is wrong, to be found row by row."""
         lines = self.form.plain(lines)
         part = None if self.texts else numbers(lines, self.count)
@@ -276,39 +276,39 @@ class _Table:
         if part is None:
             return None
         values: Array = part * [column.factor for column in self.columns]
-        increasing = self.columns[0].joint or (np.diff(values[:, 0], prepend=before) > 0).all()
+        increasing = self.columns[0].joint or (np.diff(values[:, 0], prepend=last_time) > 0).all()
         return values if increasing and np.isfinite(values).all() else None
 
     def row_by_row(
-        self, lines: Iterable[str], first: int, before: float, count: int, most: int, wrong: _Wrong
+        self, lines: Iterable[str], first: int, last_time: float, count: int, most: int, wrong: _Wrong
     ) -> Array:  # fmt: skip
-        """Return the values of rows after ``count`` others ending at the time ``before``; raise at a wrong one."""
-        found: list[list[float]] = []
+        """Return the values of rows after ``count`` others ending at the time ``before``; raise at an invalid row."""
+        rows: list[list[float]] = []
         reader = self.form.rows(lines)
         for row in reader:
             line, cells = first + reader.line_num, [cell.strip() for cell in row]
             if not any(cells) or cells[0].startswith("#"):
                 continue
-            if count + len(found) == most:
+            if count + len(rows) == most:
                 raise wrong(f"more than {most} poses; leave rows out", line)
             if len(cells) != self.count:
                 raise wrong(f"{len(cells)} values for {self.count} columns", line)
-            if changed := [(cells[k], text) for k, text in self.texts if cells[k] != text]:
-                raise wrong(f"{', and in the first row '.join(shown(one, _LONGEST) for one in changed[0])}", line)
+            if mismatches := [(cells[k], text) for k, text in self.texts if cells[k] != text]:
+                raise wrong(f"{', and in the first row '.join(shown(cell, _LONGEST) for cell in mismatches[0])}", line)
             values = []
             for k, column in zip(self.used, self.columns, strict=True):
                 values.append(self.form.number(cells[k]) * column.factor)
                 if not math.isfinite(values[-1]):
                     hint = self.form.hint(cells[k])
                     raise wrong(f"{column.heading}: {shown(cells[k], _LONGEST)} is not a finite number{hint}", line)
-            if not self.columns[0].joint and not values[0] > before:
-                still, back = f"stands still at {before:.10g} s", f"goes back from {before:g} s to {values[0]:g} s"
+            if not self.columns[0].joint and not values[0] > last_time:
+                stop, back = f"stands still at {last_time:.10g} s", f"goes back from {last_time:g} s to {values[0]:g} s"
                 raise wrong(
-                    f"the time {still if values[0] == before else back}; it must increase from row to row", line
+                    f"the time {stop if values[0] == last_time else back}; it must increase from row to row", line
                 )
-            found.append(values)
-            before = values[0]
-        return np.array(found).reshape(-1, len(self.columns))
+            rows.append(values)
+            last_time = values[0]
+        return np.array(rows).reshape(-1, len(self.columns))
 
     def trajectory(self, values: Array) -> Trajectory:
         """Return the trajectory of all values; raise if those of a column without a unit are far outside."""
@@ -319,8 +319,8 @@ class _Table:
             message = f"{self.columns[0].heading} = {times[-1]:g} s is beyond all clocks; give its unit"
             raise InputError(f"{message}: --columns '{self.columns[0].heading}=[ns]'")
         has_unit = np.array([self.columns[k].has_unit for k in order]) | np.isinf(reader.limits[1] - reader.limits[0])
-        if (far := ~has_unit[:, None] & reader.far(q)).any():
-            joint, row = np.argwhere(far)[0]
+        if (is_far := ~has_unit[:, None] & reader.far(q)).any():
+            joint, row = np.argwhere(is_far)[0]
             unit, other = ("rad", "deg") if reader.turning[joint] else ("m", "mm")
             message = f"row {row + 1}: {reader.names[joint]} = {q[joint, row]:g} {unit} is far outside its limits"
             raise InputError(f"{message}; if the file is in {other} add --columns '*=[{other}]'")
@@ -328,7 +328,7 @@ class _Table:
         return Trajectory(self.chain, reader.taken(q).T, times, rows, tuple(self.columns), self.named.recorder)
 
 
-def _between(values: Array, firsts: NDArray[np.intp], shares: Array) -> Array:
+def _interpolate(values: Array, firsts: NDArray[np.intp], shares: Array) -> Array:
     """Return the rows at some fractions of the way from a row to the next, and the last row."""
     left, right = values[firsts], values[np.minimum(firsts + 1, len(values) - 1)]
     # a row itself stays as it is, bit by bit

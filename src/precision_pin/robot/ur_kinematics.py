@@ -5,7 +5,7 @@ A controller's ``calibration.conf`` has differences to the nominal Denavit-Harte
     T_i = Rz(q_i + θ_i + Δθ_i) · Tz(d_i + Δd_i) · Tx(a_i + Δa_i) · Rx(α_i + Δα_i),
 
 where the Δd of the nearly parallel axes 2, 3 and 4 can be hundreds of metres and cancel. The YAML of the ROS driver has
-the frame of each joint in that of the joint before, as the origin of a URDF joint: fixed-axis roll, pitch, yaw. Only
+the frame of each joint in the previous one, as the origin of a URDF joint: fixed-axis roll, pitch, yaw. Only
 the axes at zero and the flange matter, so both are converted to these.
 """
 
@@ -45,7 +45,7 @@ _ALPHA: Final = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
 _LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _NUMBERS: Final = ("x", "y", "z", "roll", "pitch", "yaw")
 _DELTAS: Final = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
-_LARGEST: Final = 2**20
+_LARGEST: Final = 2**20  # bytes of a calibration file
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +64,16 @@ class UrKinematics:
 
     def pose(self, q: Array) -> Array:
         """Return the flange in the base, ``(…, 4, 4)``, at joint values ``(…, 6)``."""
-        before, result = np.eye(4), np.eye(4)
+        previous, result = np.eye(4), np.eye(4)
         for k, joint in enumerate(self.joints):
-            turn = np.zeros((*q.shape[:-1], 4, 4))
-            turn[..., 0, 0] = turn[..., 1, 1] = np.cos(q[..., k])
-            turn[..., 1, 0] = np.sin(q[..., k])
-            turn[..., 0, 1] = -turn[..., 1, 0]
-            turn[..., 2, 2] = turn[..., 3, 3] = 1.0
-            result = result @ (se3.inverse(before) @ joint) @ turn
-            before = joint
-        return result @ (se3.inverse(before) @ self.flange)
+            rotation = np.zeros((*q.shape[:-1], 4, 4))
+            rotation[..., 0, 0] = rotation[..., 1, 1] = np.cos(q[..., k])
+            rotation[..., 1, 0] = np.sin(q[..., k])
+            rotation[..., 0, 1] = -rotation[..., 1, 0]
+            rotation[..., 2, 2] = rotation[..., 3, 3] = 1.0
+            result = result @ (se3.inverse(previous) @ joint) @ rotation
+            previous = joint
+        return result @ (se3.inverse(previous) @ self.flange)
 
     @classmethod
     def of_dh(cls, theta: Array, a: Array, d: Array, alpha: Array) -> UrKinematics:
@@ -108,33 +108,33 @@ def read_ur_calibration(path: str | os.PathLike[str], name: str, *, x_y_z: bool 
     except UnreadableFileError as error:
         raise InputError(f"the factory calibration {file} {error.reason}") from None
     note_input(file)
-    if any(_assigned(text, key) for key in _DELTAS):
+    if any(_find_assignment(text, key) for key in _DELTAS):
         deltas = [_list(file, text, key) for key in _DELTAS]
-        theta, a, d, alpha = (one + delta for one, delta in zip(_nominal(name), deltas, strict=True))
+        theta, a, d, alpha = (value + delta for value, delta in zip(_nominal(name), deltas, strict=True))
         return UrKinematics.of_dh(theta, a, d, alpha)
-    return _of_yaml(file, text, x_y_z=x_y_z)
+    return _read_yaml(file, text, x_y_z=x_y_z)
 
 
-def _assigned(text: str, key: str) -> re.Match[str] | None:
+def _find_assignment(text: str, key: str) -> re.Match[str] | None:
     # blanks within the line only: the search would restart at each of many blank lines
     return re.search(rf"^[^\S\n]*{key}[^\S\n]*=", text, re.MULTILINE)
 
 
 def _list(file: str, text: str, key: str) -> Array:
-    found = _assigned(text, key)
-    opening, _, rest = ("", "", "") if found is None else text[found.end() :].partition("[")
-    if found is None or opening.strip() or "]" not in rest:
+    match = _find_assignment(text, key)
+    opening, _, tail = ("", "", "") if match is None else text[match.end() :].partition("[")
+    if match is None or opening.strip() or "]" not in tail:
         raise _wrong(file, f"{key} = [six numbers] is missing")
     try:
-        values = np.array([float(part) for part in rest.partition("]")[0].split(",")])
+        values = np.array([float(part) for part in tail.partition("]")[0].split(",")])
     except ValueError:
         values = np.zeros(0)
     if values.shape != (6,) or not np.isfinite(values).all():
-        raise _wrong(file, f"{key} needs six numbers", text[: found.end()].count("\n") + 1)
+        raise _wrong(file, f"{key} needs six numbers", text[: match.end()].count("\n") + 1)
     return values
 
 
-def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
+def _read_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
     try:
         data: Any = YAML(typ="safe", pure=True).load(text)
     except (YAMLError, ValueError, RecursionError):
@@ -151,16 +151,16 @@ def _of_yaml(file: str, text: str, *, x_y_z: bool) -> UrKinematics:
         if len(numbers) != len(_NUMBERS):
             raise _wrong(file, f"kinematics: {link} needs the numbers {', '.join(_NUMBERS)}")
         steps.append(numbers)
-    placed = _placed(steps, x_y_z=x_y_z)
+    transforms = _transforms(steps, x_y_z=x_y_z)
     # wrist 1 lies back along the upper arm at zero; a UR is stretched there
-    folded = bool(placed[2, :2, 3] @ (placed[2, :3, :3] @ placed[3, :3, 3])[:2] < 0)
-    if folded:
-        placed = _unfolded(_placed(steps, x_y_z=True))
-    frames = np.array(list(itertools.accumulate(placed, np.matmul)))
-    return UrKinematics(frames, frames[-1], str(kinematics.get("hash") or ""), is_whole=True, was_folded=folded)
+    is_folded = bool(transforms[2, :2, 3] @ (transforms[2, :3, :3] @ transforms[3, :3, 3])[:2] < 0)
+    if is_folded:
+        transforms = _unfold(_transforms(steps, x_y_z=True))
+    frames = np.array(list(itertools.accumulate(transforms, np.matmul)))
+    return UrKinematics(frames, frames[-1], str(kinematics.get("hash") or ""), is_whole=True, was_folded=is_folded)
 
 
-def _placed(steps: list[list[float]], *, x_y_z: bool) -> Array:
+def _transforms(steps: list[list[float]], *, x_y_z: bool) -> Array:
     frames = []
     for x, y, z, *angles in steps:
         about_x, about_y, about_z = map(se3.exp_rotation, np.diag(angles))
@@ -169,7 +169,7 @@ def _placed(steps: list[list[float]], *, x_y_z: bool) -> Array:
     return np.array(frames)
 
 
-def _unfolded(placed: Array) -> Array:
+def _unfold(placed: Array) -> Array:
     """Return the frames without the half turns of elbow and wrist 1 added by older tools."""
     # `ur_calibration` before June 2024 uses the arctangent of y/x for the direction from the elbow to the axis of
     # wrist 1, which is the opposite one if |θ_2 + Δθ_2| exceeds π/2. The elbow is then turned by π about its axis,

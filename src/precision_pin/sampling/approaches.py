@@ -103,30 +103,30 @@ def sample_approaches(
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
     sampler.stage_of(model)
-    listed = check_items("the approaches", approaches, object)
-    if len(listed) < 2:
-        raise InputError(f"{len(listed)} approaches; to compare them, give two or more")
+    directions = check_items("the approaches", approaches, object)
+    if len(directions) < 2:
+        raise InputError(f"{len(directions)} approaches; to compare them, give two or more")
     check_whole("the number of robots", robots, 1, BLOCK * 2**20)
-    check_whole("the number of cycles", cycles, 2, MOST_VISITS // len(listed))
+    check_whole("the number of cycles", cycles, 2, MOST_VISITS // len(directions))
     check_whole("the number of the pose", number, 0, MOST_POSES - 1)
     check_whole("first, the number of a robot,", first, 0, 2**63)
     check_seed(seed)
     point = check_quantities("the target", target, LENGTH, (3,), "three finite numbers, in m or with a unit")
     check_memory(
-        2 * 72.0 * len(listed) * cycles * robots, f"keeping {cycles} visits of {robots:,} robots", "ask for fewer"
+        2 * 72.0 * len(directions) * cycles * robots, f"keeping {cycles} visits of {robots:,} robots", "ask for fewer"
     )
-    poses = [error_model.at(pose, approach=approach) for approach in listed]
-    found = np.empty((len(listed), cycles, 6, robots))
+    poses = [error_model.at(pose, approach=approach) for approach in directions]
+    errors = np.empty((len(directions), cycles, 6, robots))
     for rank, layout in enumerate(map(sampler.to_arrays, poses)):
         for cycle in range(cycles):
             # visits of different approaches are different occasions
             visit = rank * cycles + cycle
-            found[rank, cycle] = sampler.errors(layout, model, int(seed), first, robots, pose=number, visit=visit)
+            errors[rank, cycle] = sampler.errors(layout, model, int(seed), first, robots, pose=number, visit=visit)
     lever = poses[0].posture.pose[:3, :3] @ point
-    turned = se3.exp_rotation(np.moveaxis(found[:, :, 3:], 2, 0).reshape(3, -1))
-    carried = np.einsum("ijn,j->in", turned, lever) - lever[:, None]
-    shifts = found[:, :, :3] + np.moveaxis(carried.reshape(3, len(listed), cycles, robots), 0, 2)
-    return ApproachErrors(tuple(at.posture.approach for at in poses), found, shifts)
+    rotations = se3.exp_rotation(np.moveaxis(errors[:, :, 3:], 2, 0).reshape(3, -1))
+    offsets = np.einsum("ijn,j->in", rotations, lever) - lever[:, None]
+    shifts = errors[:, :, :3] + np.moveaxis(offsets.reshape(3, len(directions), cycles, robots), 0, 2)
+    return ApproachErrors(tuple(at.posture.approach for at in poses), errors, shifts)
 
 
 def _repeatability(visits: Array) -> Array:

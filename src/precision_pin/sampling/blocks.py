@@ -37,21 +37,21 @@ def check_samples(samples: int, *, keep_samples: bool = False) -> None:
 
 def packages() -> tuple[tuple[str, str], ...]:
     """Return name and version of the packages that determine the bits of a block."""
-    found = versions()
-    return tuple((name, found[name]) for name in ("precision-pin", "numpy", "numba"))
+    version_of = versions()
+    return tuple((name, version_of[name]) for name in ("precision-pin", "numpy", "numba"))
 
 
 def check_packages(started_with: Sequence[tuple[str, str]]) -> None:
     """Raise unless this process has the package versions of the process that started the run."""
-    here = dict(packages())
+    installed = dict(packages())
     for name, version in started_with:
-        if here[name] != version:
+        if installed[name] != version:
             raise InputError(
-                f"a worker has {name} {here[name]}, the run was started with {version}; install the same version"
+                f"a worker has {name} {installed[name]}, the run was started with {version}; install the same version"
             )
 
 
-class Sent:
+class PicklableReadOnly:
     """Data class whose read-only arrays stay read-only when pickled."""
 
     def __reduce__(self) -> tuple[Callable[[bytes], Any], tuple[bytes]]:
@@ -66,7 +66,7 @@ def _unpickle(data: bytes) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class Work(Sent):
+class Work(PicklableReadOnly):
     """All inputs of a block's statistics except the block number. Can be pickled.
 
     Attributes:
@@ -95,10 +95,10 @@ class Work(Sent):
 class _Pickler(pickle.Pickler):
     """Pickler that keeps arrays read-only: numba compiles separately for writeable ones."""
 
-    def reducer_override(self, thing: Any) -> Any:
+    def reducer_override(self, value: Any) -> Any:
         """Return the reconstruction of a read-only array; the default for all other objects."""
-        if type(thing) is np.ndarray and not thing.flags.writeable:
-            return _make_read_only, (np.array(thing),)
+        if type(value) is np.ndarray and not value.flags.writeable:
+            return _make_read_only, (np.array(value),)
         return NotImplemented
 
 
@@ -169,18 +169,18 @@ def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
     For a norm, and for a component without first-order slopes, it is that of the sum of squares of its vector's
     components, minus the skewness of a normal variable's square.
     """
-    found = np.zeros((8, 2))
+    result = np.zeros((8, 2))
     skewed = [_cumulants(draw.law) for draw in draws]
     if all(cumulants is None for cumulants in skewed):
         # only normal-like laws: components are not skewed, and squares are as skewed as those of normal variables
-        found[:, 1] = _NORMAL_SQUARE
-        found[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
-        return found
-    known = [
-        np.pad([np.diagonal(draw.law.covariance)], ((0, 3), (0, 0))) if own is None else own
-        for draw, own in zip(draws, skewed, strict=True)
+        result[:, 1] = _NORMAL_SQUARE
+        result[list(COMPONENTS), 1] *= (slopes != 0).any(axis=1)
+        return result
+    padded = [
+        np.pad([np.diagonal(draw.law.covariance)], ((0, 3), (0, 0))) if row is None else row
+        for draw, row in zip(draws, skewed, strict=True)
     ]
-    cumulants = np.concatenate([np.zeros((4, 0)), *known], axis=1)
+    cumulants = np.concatenate([np.zeros((4, 0)), *padded], axis=1)
     second, third, fourth, sixth = (
         (slopes**power * cumulant).sum(axis=1) for power, cumulant in zip((2, 3, 4, 6), cumulants, strict=True)
     )
@@ -191,16 +191,16 @@ def first_order_skewness(draws: Sequence[Draw], slopes: Array) -> Array:
     # central moments of a standardised variable from its cumulants, then those of its square
     m4, m6 = k4 + 3, k6 + 15 * k4 + 10 * skewness**2 + 15
     square = (m6 - 3 * m4 + 2) / np.maximum(m4 - 1, 1e-9) ** 1.5
-    found[list(COMPONENTS), 0], found[list(COMPONENTS), 1] = np.abs(skewness), np.where(moves, np.abs(square), 0.0)
+    result[list(COMPONENTS), 0], result[list(COMPONENTS), 1] = np.abs(skewness), np.where(moves, np.abs(square), 0.0)
     for norm, part in zip(NORMS, (slice(0, 3), slice(3, 6)), strict=True):
         rows = slice(norm + 1, norm + 4)
         spread = np.sqrt(second[part])
-        heaviest = float(found[rows, 1].max())
-        beyond = max(heaviest - _NORMAL_SQUARE, 0.0)
-        found[norm] = beyond, heaviest
-        bent = spread <= _NO_SLOPE * spread.max()
-        found[rows] = np.where(bent[:, None], (beyond, heaviest if beyond else 0.0), found[rows])
-    return found
+        heaviest = float(result[rows, 1].max())
+        excess = max(heaviest - _NORMAL_SQUARE, 0.0)
+        result[norm] = excess, heaviest
+        is_bent = spread <= _NO_SLOPE * spread.max()
+        result[rows] = np.where(is_bent[:, None], (excess, heaviest if excess else 0.0), result[rows])
+    return result
 
 
 @lru_cache(maxsize=4096)

@@ -51,14 +51,14 @@ def plot(summary: Summary, seed: int, arm: str, quantity: str, axes: Axes | None
         raise InputError(
             "the six components have a separate figure; plot one of them on given axes, such as position.x"
         )
-    drawn = histogram(
+    panel = histogram(
         summary.distribution(quantity if quantity in QUANTITIES else f"{quantity}.norm"),
         title=f"{symbol(quantity if quantity in QUANTITIES else f'{quantity}.norm')} of {arm}",
         seed=seed,
         specifications=summary.specifications,
         axes=axes,
     )
-    return figure_style.figure_of(drawn) if axes is None else drawn
+    return figure_style.figure_of(panel) if axes is None else panel
 
 
 def histogram(
@@ -73,13 +73,13 @@ def histogram(
 ) -> Axes:
     """Draw the probability density with mean, quantiles (and their intervals) and limits."""
     with figure_style.style():
-        own = axes if axes is not None else figure_style.new_figure(figure_style.SINGLE_COLUMN).subplots()
-        draw(own, distribution, unit or draw_distribution.display_unit(distribution), specifications)
+        ax = axes if axes is not None else figure_style.new_figure(figure_style.SINGLE_COLUMN).subplots()
+        draw(ax, distribution, unit or draw_distribution.display_unit(distribution), specifications)
         if axes is not None:
-            own.set_title(title)
-            return own
-        _finish(figure_style.figure_of(own), 50.0, title, figure_style.labelled([own]), distribution, seed, columns=1)
-    return own
+            ax.set_title(title)
+            return ax
+        _finish(figure_style.figure_of(ax), 50.0, title, figure_style.labelled([ax]), distribution, seed, columns=1)
+    return ax
 
 
 cumulative = partial(histogram, draw=draw_distribution.draw_cumulative)
@@ -113,9 +113,9 @@ def figure_components(
         figure = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         grid = figure.subplots(2, 3)
         rows = ((summary.position, position_unit), (summary.attitude, attitude_unit))
-        for row, (vector, given) in zip(grid, rows, strict=True):
+        for row, (vector, forced_unit) in zip(grid, rows, strict=True):
             parts = (vector.x, vector.y, vector.z)
-            unit = given or draw_distribution.display_unit(*parts)
+            unit = forced_unit or draw_distribution.display_unit(*parts)
             for axes, part in zip(row, parts, strict=True):
                 draw_distribution.draw_histogram(axes, part, unit, summary.specifications)
                 axes.set_title(draw_distribution.moments_text(part, unit), fontsize=7)
@@ -177,17 +177,17 @@ def _finish(
 ) -> None:
     caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
     caption += f"; intervals at {100 * counted.confidence:g} % confidence"
-    above, below = figure_style.wrapped(title, figure), figure_style.wrapped(caption, figure)
-    if above:
-        figure.suptitle("\n".join(above))
-    figure_style.legend_below(figure, entries, columns, below)
-    lines = len(above) + len(below) + sum(1 + label.count("\n") for label in entries) / columns
+    title_lines, caption_lines = figure_style.wrapped(title, figure), figure_style.wrapped(caption, figure)
+    if title_lines:
+        figure.suptitle("\n".join(title_lines))
+    figure_style.legend_below(figure, entries, columns, caption_lines)
+    lines = len(title_lines) + len(caption_lines) + sum(1 + label.count("\n") for label in entries) / columns
     figure_style.set_height(figure, height + lines * figure_style.LINE_HEIGHT)
 
 
 _MOST_NAMED: Final = 24
 """Most poses named below the axis; beyond, they are numbered."""
-_MOST_LETTERS: Final = 18
+_MOST_LETTERS: Final = 18  # of a name on the axis
 _MOST_LEVEL: Final = 80
 """Most letters of all names together without turning the labels."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
@@ -206,13 +206,13 @@ def plot_poses(result: PosesResult, quantity: str, axes: Axes | None) -> Axes | 
             _draw_poses(axes, result, names.index(quantity), quantity)
             axes.set_title(title)
             return axes
-        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        own = made.subplots()
-        _draw_poses(own, result, names.index(quantity), quantity)
+        figure = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        panel = figure.subplots()
+        _draw_poses(panel, result, names.index(quantity), quantity)
         caption = f"N = {result.samples:,} at each pose, seed {result.seed}; "
         caption += f"bars: {100 * result.confidence:g} % intervals"
-        figure_style.frame(made, [own], title, caption, 80.0, 3)
-    return made
+        figure_style.frame(figure, [panel], title, caption, 80.0, 3)
+    return figure
 
 
 def _draw_poses(axes: Axes, result: PosesResult, norm: int, vector: str) -> None:
@@ -221,29 +221,29 @@ def _draw_poses(axes: Axes, result: PosesResult, norm: int, vector: str) -> None
     labels = pose_labels(result.names)
     places = np.arange(1, result.poses + 1)
     for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
-        ends, quantiles = result.quantile_interval[rank, norm], result.quantile[rank, norm]
+        intervals, quantiles = result.quantile_interval[rank, norm], result.quantile[rank, norm]
         value = quantiles * unit.per_si
         # a sketch's bin may end at its quantile: bars are never negative
-        bars = np.maximum(np.abs(ends * unit.per_si - value), 0.0)
+        bars = np.maximum(np.abs(intervals * unit.per_si - value), 0.0)
         axes.errorbar(
             places, value, yerr=bars, color=colour, linestyle=dashes, marker="o", markersize=2.5,
             elinewidth=0.6, capsize=1.2, label=f"{100 * level:g} % of robots" if rank else "median",
         )  # fmt: skip
-    judged = [of for of in result.specification_results if of.results[0].quantity.startswith(vector)]
-    for of in judged:
-        specified = of.results[0]
+    specs = [spec for spec in result.specification_results if spec.results[0].quantity.startswith(vector)]
+    for spec in specs:
+        specified = spec.results[0]
         if specified.quantity == quantity:
             axes.axhline(
                 specified.limit * unit.per_si,
-                color=draw_distribution.LIMIT_COLOURS.get(of.verdict, draw_distribution.BLACK),
+                color=draw_distribution.LIMIT_COLOURS.get(spec.verdict, draw_distribution.BLACK),
                 linestyle=_LIMIT_DASHES,
                 linewidth=1.2,
                 label=f"limit {unit.short(specified.limit)} for {100 * specified.required:.6g} %",
             )
-    missed = [place for place in places if any(of.results[place - 1].verdict == "not met" for of in judged)]
-    for place in missed:
+    unmet = [place for place in places if any(spec.results[place - 1].verdict == "not met" for spec in specs)]
+    for place in unmet:
         axes.axvspan(place - 0.5, place + 0.5, color=draw_distribution.VERMILION, alpha=0.15, linewidth=0)
-    if missed:
+    if unmet:
         axes.fill_between(
             [], [], [], color=draw_distribution.VERMILION, alpha=0.15, linewidth=0, label="specification not met"
         )
@@ -252,7 +252,7 @@ def _draw_poses(axes: Axes, result: PosesResult, norm: int, vector: str) -> None
     axes.set_ylabel(f"{symbol(quantity)} [{unit.name}]")
     if result.poses <= _MOST_NAMED:
         labels = [figure_style.shortened(visible(label), _MOST_LETTERS) for label in labels]
-        turned = sum(map(len, labels)) > _MOST_LEVEL
-        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+        is_rotated = sum(map(len, labels)) > _MOST_LEVEL
+        axes.set_xticks(places, labels, rotation=45 if is_rotated else 0, ha="right" if is_rotated else "center")
     else:
         axes.set_xlabel("pose, in the order given")

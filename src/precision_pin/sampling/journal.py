@@ -84,11 +84,11 @@ def differences(then: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
 
     The plan follows from the other inputs and is listed only if nothing else differs.
     """
-    found = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
+    names = [name for name in dict.fromkeys([*now, *then]) if then.get(name) != now.get(name)]
     return [
         f"{name} {'has changed' if name.startswith('the ') else f'was {then.get(name)!r}, is {now.get(name)!r}'}"
-        for name in found
-        if name != _PLAN or found == [_PLAN]
+        for name in names
+        if name != _PLAN or names == [_PLAN]
     ]
 
 
@@ -102,34 +102,34 @@ def digest(value: Any) -> str:
 def _update(hasher: hashlib.blake2b, value: Any) -> None:
     match value:
         case np.ndarray():
-            _say(hasher, "array", value.dtype.str, *map(str, value.shape))
+            _hash_words(hasher, "array", value.dtype.str, *map(str, value.shape))
             hasher.update(np.ascontiguousarray(value).tobytes())
         case Enum():
-            _say(hasher, type(value).__name__, value.name)
+            _hash_words(hasher, type(value).__name__, value.name)
         case None | bool() | int() | float() | str() | np.number():
-            _say(hasher, type(value).__name__, str(value) if isinstance(value, str) else repr(value))
+            _hash_words(hasher, type(value).__name__, str(value) if isinstance(value, str) else repr(value))
         case Mapping():
-            _say(hasher, "mapping", str(len(value)))
+            _hash_words(hasher, "mapping", str(len(value)))
             for key, entry in value.items():
                 _update(hasher, key)
                 _update(hasher, entry)
         case Sequence():
-            _say(hasher, "sequence", str(len(value)))
+            _hash_words(hasher, "sequence", str(len(value)))
             for entry in value:
                 _update(hasher, entry)
         case _ if is_dataclass(value):
-            _say(hasher, type(value).__name__)
+            _hash_words(hasher, type(value).__name__)
             for field in fields(value):
-                _say(hasher, field.name)
+                _hash_words(hasher, field.name)
                 _update(hasher, getattr(value, field.name))
         case _:
             raise InternalError(f"no digest of a {type(value).__name__}")
 
 
-def _say(hasher: hashlib.blake2b, *words: str) -> None:
+def _hash_words(hasher: hashlib.blake2b, *texts: str) -> None:
     """Hash words with their lengths, so that different lists of words give different bytes."""
-    for word in words:
-        data = word.encode("utf-8", "surrogatepass")
+    for text in texts:
+        data = text.encode("utf-8", "surrogatepass")
         hasher.update(len(data).to_bytes(8, "little") + data)
 
 
@@ -143,8 +143,8 @@ def _file_digest(path: Path) -> str:
 
 
 MAGIC: Final = b"precision-pin journal 2\n"
-MOST_RECORDS: Final = 64
-LARGEST_IDENTITY: Final = 2**20
+MOST_RECORDS: Final = 64  # then the file is replaced by one with the last state: it stays small
+LARGEST_IDENTITY: Final = 2**20  # bytes; a longer record is no identity of a run
 
 SHORTEST_PAUSE: Final = 2.0
 LONGEST_PAUSE: Final = 60.0
@@ -172,7 +172,7 @@ class Counted(Protocol):
 
     @property
     def count(self) -> int:
-        """How much of the run it holds."""
+        """Number of completed items."""
 
 
 S = TypeVar("S", bound=Counted)
@@ -180,7 +180,7 @@ S = TypeVar("S", bound=Counted)
 
 @dataclass(frozen=True)
 class Codec(Generic[S]):
-    """What a journal must know of its states.
+    """Validation and unit of journal states.
 
     Attributes:
         check: Raises ValueError if no run could give a state.
@@ -251,16 +251,16 @@ def _check_samples(state: State) -> None:
         raise ValueError("more samples keep a specification than there are")
     if not all(np.isfinite(part).all() for part in sums):
         raise ValueError("its sums are not finite")
-    kept = min(state.count, LARGEST)
-    largest, units = state.largest[:, :kept], state.largest_units[:, :kept]
+    count = min(state.count, LARGEST)
+    largest, units = state.largest[:, :count], state.largest_units[:, :count]
     extremes = (state.lowest, state.highest, largest) if state.count else ()
     if not all(np.isfinite(part).all() for part in extremes):
         raise ValueError("its smallest and largest values are not finite")
     # without samples they are infinite
-    ordered = (state.lowest <= state.highest).all() or not state.count
-    rest = (state.largest[:, kept:] == -np.inf).all() and (state.largest_units[:, kept:] == -1).all()
+    is_ordered = (state.lowest <= state.highest).all() or not state.count
+    tail = (state.largest[:, count:] == -np.inf).all() and (state.largest_units[:, count:] == -1).all()
     if not (
-        ordered and rest and (np.diff(largest, axis=1) <= 0).all() and ((units >= 0) & (units < state.count)).all()
+        is_ordered and tail and (np.diff(largest, axis=1) <= 0).all() and ((units >= 0) & (units < state.count)).all()
     ):
         raise ValueError("its smallest and largest values are out of order")
 
@@ -269,7 +269,7 @@ SAMPLES: Final = Codec[State](_check_samples, "samples")
 
 
 def samples_of(plan: Plan) -> Codec[State]:
-    """Return what a journal must know of states of a plan, whose statistics must agree with their histograms."""
+    """Return the codec of states of a plan, whose statistics must agree with their histograms."""
 
     def check(state: State) -> None:
         _check_samples(state)
@@ -292,7 +292,7 @@ _ALWAYS: Final = ("mean", "norm_mean", "norm_max", "probability", "probability_i
 
 
 @dataclass(frozen=True, eq=False)
-class PosesDone:
+class CompletedPoses:
     """Arrays over all poses of a run, of which the first ``count`` are filled.
 
     Attributes:
@@ -303,12 +303,12 @@ class PosesDone:
     values: dict[str, Array]
 
     @classmethod
-    def start(cls, poses: int, specifications: int) -> PosesDone:
+    def start(cls, poses: int, specifications: int) -> CompletedPoses:
         """Return the empty state of P poses and S specifications."""
         shapes = {name: [length or specifications for length in shape] for name, shape in POSE_ARRAYS.items()}
         return cls(0, {name: np.zeros((*shape, poses)) for name, shape in shapes.items()})
 
-    def with_part(self, part: Mapping[str, Array]) -> PosesDone:
+    def with_part(self, part: Mapping[str, Array]) -> CompletedPoses:
         """Return the state with the next poses filled in place."""
         end = self.count + part["mean"].shape[-1]
         for name, array in self.values.items():
@@ -316,17 +316,17 @@ class PosesDone:
         return replace(self, count=end)
 
 
-def _check_poses(state: PosesDone) -> None:
+def _check_poses(state: CompletedPoses) -> None:
     if not 0 <= state.count <= state.values["mean"].shape[-1]:
         raise ValueError("its counts are inconsistent")
     for name, array in state.values.items():
-        done = array[..., : state.count]
+        completed = array[..., : state.count]
         # with few samples, the others may be NaN
-        if np.isinf(done).any() or (name in _ALWAYS and np.isnan(done).any()):
+        if np.isinf(completed).any() or (name in _ALWAYS and np.isnan(completed).any()):
             raise ValueError(f"its {name} is not finite")
 
 
-POSES: Final = Codec[PosesDone](_check_poses, "poses")
+POSES: Final = Codec[CompletedPoses](_check_poses, "poses")
 
 
 # the file --------------------------------------------------------------------------------------------------------------
@@ -428,7 +428,7 @@ class Journal(Generic[S]):
         """Add a record, unless the last one has the same count."""
         if state.count == self.saved:
             return
-        begun = time.monotonic()
+        start = time.monotonic()
         record = _record(packed(state))
         if self._states >= MOST_RECORDS:
             self._replace(record)
@@ -438,7 +438,7 @@ class Journal(Generic[S]):
         self.saved = state.count
         now = time.monotonic()
         pause = min(max(SHORTEST_PAUSE, (now - self._begun) / 100), LONGEST_PAUSE)
-        self._due = now + max(pause, COST_OF_WRITING * (now - begun))
+        self._due = now + max(pause, COST_OF_WRITING * (now - start))
 
     def close(self) -> None:
         """Close the file and release its lock."""
@@ -452,16 +452,16 @@ class Journal(Generic[S]):
         identity = None if header is None else _identity(header)
         if header is None or identity is None:
             raise InputError(f"the beginning of the journal {self.name} is damaged; remove the file and start again")
-        changed = differences(identity, self._identity)
-        if changed:
-            raise InputError(f"the journal {self.name} belongs to another run: {'; '.join(changed)}")
+        changes = differences(identity, self._identity)
+        if changes:
+            raise InputError(f"the journal {self.name} belongs to another run: {'; '.join(changes)}")
         self._end = len(MAGIC) + _HEAD.size + len(header)
-        last = None
+        last_payload = None
         for payload in self._records(self._end, size, MOST_RECORDS, largest(start)):
-            last = payload
+            last_payload = payload
             self._end += _HEAD.size + len(payload)
             self._states += 1
-        state = start if last is None else unpacked(last, start, self._codec.check)
+        state = start if last_payload is None else unpacked(last_payload, start, self._codec.check)
         self.saved = state.count
         if self._end < size:
             ignored = size - self._end
@@ -509,7 +509,7 @@ class Journal(Generic[S]):
 
     def _replace(self, record: bytes) -> None:
         """Replace the file atomically by one with the last state only."""
-        part, before, descriptor = self._place + ".part", self._descriptor, -1
+        part, old_descriptor, descriptor = self._place + ".part", self._descriptor, -1
         try:
             descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -519,12 +519,12 @@ class Journal(Generic[S]):
         except OSError as error:
             raise self._lost(error) from None
         finally:
-            replaced = self._descriptor == descriptor
-            if not replaced:
+            is_replaced = self._descriptor == descriptor
+            if not is_replaced:
                 with suppress(OSError):
                     os.unlink(part)
             if descriptor >= 0:
-                os.close(before if replaced else descriptor)
+                os.close(old_descriptor if is_replaced else descriptor)
         self._flush_folder()
 
     def _flush_folder(self) -> None:
@@ -538,22 +538,22 @@ class Journal(Generic[S]):
 
     def _lost(self, error: OSError) -> OutputError:
         resumed = f"; it holds the first {self.saved:,} {self._codec.unit}, from which the run can be resumed"
-        kept = resumed if self.saved else ""
-        return OutputError(f"cannot write the journal {self.name}: {error.strerror or error}{kept}")
+        advice = resumed if self.saved else ""
+        return OutputError(f"cannot write the journal {self.name}: {error.strerror or error}{advice}")
 
 
 def _identity(header: bytes) -> dict[str, str] | None:
     try:
-        found = json.loads(header)
+        identity = json.loads(header)
     except (ValueError, RecursionError):
         return None
-    texts = isinstance(found, dict) and all(isinstance(value, str) for value in found.values())
-    return found if texts else None
+    texts = isinstance(identity, dict) and all(isinstance(value, str) for value in identity.values())
+    return identity if texts else None
 
 
 def _write(descriptor: int, data: bytes, offset: int) -> None:
     view = memoryview(data)
     while view:
-        written = os.pwrite(descriptor, view, offset)
-        view, offset = view[written:], offset + written
+        count = os.pwrite(descriptor, view, offset)
+        view, offset = view[count:], offset + count
     os.fsync(descriptor)

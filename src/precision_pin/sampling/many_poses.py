@@ -39,8 +39,8 @@ from precision_pin.model.verdict_grounds import exact_findings, strained_finding
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.configurations import ApproachedPose
-from precision_pin.sampling.blocks import Sent, Work, check_packages, packages
-from precision_pin.sampling.journal import POSES, Files, PosesDone, digest, identity
+from precision_pin.sampling.blocks import PicklableReadOnly, Work, check_packages, packages
+from precision_pin.sampling.journal import POSES, CompletedPoses, Files, digest, identity
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sampling.run import RunSettings, check_common
 from precision_pin.sampling.workers import Submitter, available_cores, in_order
@@ -138,21 +138,21 @@ def sample_poses(
         (3, 2, 2) [ 40. 134.]
     """
     run_settings = RunSettings(threads, processes, executor, tasks_under_way, journal, resume, files, progress, tell)
-    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    findings = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     sampler.stage_of(model)
-    listed = listed_specifications(specifications)
+    limits = listed_specifications(specifications)
     check_flag("everywhere", everywhere)
-    work = PosesWork(model, int(seed), int(samples), listed)
+    work = PosesWork(model, int(seed), int(samples), limits)
     q = q if approach is None else ApproachedPose(q, approach)
-    values, names = _poses(error_model, q, listed)
+    values, names = _poses(error_model, q, limits)
     approaches = error_model.approaches_of(q, values)
     poses = _Poses(error_model, values, approaches, work)
     count = values.shape[1]
-    found = (*pose_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
-    add(found)
-    steps = count * work.samples * (2 if everywhere and listed else 1)
-    beginning = PosesDone.start(count, len(listed))
+    new_findings = (*pose_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
+    add(new_findings)
+    steps = count * work.samples * (2 if everywhere and limits else 1)
+    beginning = CompletedPoses.start(count, len(limits))
     with run_settings.begun(beginning, POSES, partial(poses.identity, confidence), count, steps) as run:
         if run.state.count:
             run.step(run.state.count * work.samples)
@@ -168,14 +168,14 @@ def sample_poses(
             return result.count * group.poses
 
         run.work_off(poses.tasks(run.state.count), add_blocks)
-        kept = poses.count_everywhere(threads or available_cores(), run.step) if everywhere else None
+        counts = poses.count_everywhere(threads or available_cores(), run.step) if everywhere else None
     arrays = run.state.values
-    if not any(finding.code in _STRAINS for finding in known):
+    if not any(finding.code in _STRAINS for finding in findings):
         worst = int(arrays["norm_mean"][0].argmax())
-        own = () if approaches is None else tuple(approaches[:, worst].tolist())
-        strained = strained_findings(error_model, ApproachedPose(values[:, worst], own), pose_labels(names)[worst])
+        approach = () if approaches is None else tuple(approaches[:, worst].tolist())
+        strained = strained_findings(error_model, ApproachedPose(values[:, worst], approach), pose_labels(names)[worst])
         add(strained)
-        found = (*found, *strained)
+        new_findings = (*new_findings, *strained)
     chain = error_model.chain
     return PosesResult(
         robot=os.path.basename(chain.robot.file),
@@ -192,9 +192,9 @@ def sample_poses(
         confidence=confidence,
         specifications=work.specifications,
         error_model=error_model,
-        kept_everywhere=kept,
-        warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
-        findings=known,
+        kept_everywhere=counts,
+        warnings=tuple(dict.fromkeys(map(str, (*findings, *new_findings)))),
+        findings=findings,
         **arrays,
     )
 
@@ -223,8 +223,8 @@ class _Poses:
         }
 
     def _models(self, columns: slice | list[int]) -> Iterator[PoseModel]:
-        own = None if self.approaches is None else self.approaches[:, columns]
-        return self.error_model.at_columns(self.values[:, columns], own)
+        approaches = None if self.approaches is None else self.approaches[:, columns]
+        return self.error_model.at_columns(self.values[:, columns], approaches)
 
     def tasks(self, first_pose: int) -> Iterator[tuple[Any, ...]]:
         """Yield the tasks from a first pose on, with group and first block as key; groups are prepared one at a time."""
@@ -252,7 +252,7 @@ class _Poses:
         check_memory(
             float(work.samples * len(specifications)), f"marking {work.samples:,} robots", "sample fewer of them"
         )
-        kept = np.ones((len(specifications), work.samples), dtype=np.bool_)
+        is_kept = np.ones((len(specifications), work.samples), dtype=np.bool_)
         rows = [spec.row for spec in specifications]
         limits = np.array([[spec.limit] for spec in specifications])
 
@@ -260,17 +260,17 @@ class _Poses:
             count = min(_ROBOTS, work.samples - first)
             for pose, layout in enumerate(layouts, start=first_pose):
                 errors = sampler.errors(layout, work.model, work.seed, first, count, pose=pose)
-                kept[:, first : first + count] &= np.abs(quantity_values(errors))[rows] <= limits
+                is_kept[:, first : first + count] &= np.abs(quantity_values(errors))[rows] <= limits
             return count * len(layouts)
 
         models, first_pose = self._models(slice(None)), 0
-        while together := list(islice(models, MOST_TOGETHER)):
-            layouts = sampler.to_arrays_at_poses(together)
+        while group := list(islice(models, MOST_TOGETHER)):
+            layouts = sampler.to_arrays_at_poses(group)
             marks = (partial(mark, first, layouts, first_pose) for first in range(0, work.samples, _ROBOTS))
-            for marked in in_order(marks, threads):
-                step(marked)
+            for count in in_order(marks, threads):
+                step(count)
             first_pose += len(layouts)
-        return tuple(kept.sum(axis=1).tolist())
+        return tuple(is_kept.sum(axis=1).tolist())
 
 
 def _poses(
@@ -279,10 +279,10 @@ def _poses(
     specifications: Sequence[Specification],
 ) -> tuple[Array, tuple[str, ...]]:
     poses = q.pose if isinstance(q, ApproachedPose) else q
-    given, specified = error_model.chain.configurations.count(poses), len(specifications)
+    count, specified = error_model.chain.configurations.count(poses), len(specifications)
     # joint values, and the results twice: once in groups and once concatenated
     numbers = 3 * len(error_model.chain.joints) + 2 * (_NUMBERS + 3 * specified)
-    check_memory(8.0 * numbers * given, f"sampling {given:,} poses", "sample fewer of them at a time")
+    check_memory(8.0 * numbers * count, f"sampling {count:,} poses", "sample fewer of them at a time")
     values, names = error_model.configurations(q)
     if not names:
         raise InputError("no poses to sample; give at least one")
@@ -309,7 +309,7 @@ class PosesWork:
 
 
 @dataclass(frozen=True, eq=False)
-class GroupWork(Sent):
+class GroupWork(PicklableReadOnly):
     """Poses sampled together. Can be pickled."""
 
     tables: JoinedTables
@@ -361,16 +361,16 @@ class PoseGroup:
             plans = [Plan(mean[pose], spread[pose], work.specifications) for pose in range(poses)]
         return cls(tables, first_pose, work, plans)
 
-    def add(self, found: NormBlocks) -> None:
+    def add(self, blocks: NormBlocks) -> None:
         """Add blocks, in block order."""
-        for block in range(found.sums.shape[1]):
-            self._sums += found.sums[:, block]
-        self._lowest = np.minimum(self._lowest, found.lowest)
-        self._highest = np.maximum(self._highest, found.highest)
-        self._sketch += found.sketch
-        self._inside += found.inside
-        # at last: if an interrupt comes before, what follows does not fit
-        self.count += found.count
+        for block in range(blocks.sums.shape[1]):
+            self._sums += blocks.sums[:, block]
+        self._lowest = np.minimum(self._lowest, blocks.lowest)
+        self._highest = np.maximum(self._highest, blocks.highest)
+        self._sketch += blocks.sketch
+        self._inside += blocks.inside
+        # last, so that after an interrupt the following blocks are rejected
+        self.count += blocks.count
 
     def to_arrays(self, confidence: float) -> dict[str, Array]:
         """Return the group's part of the result's arrays; the last axis is the pose."""
@@ -385,8 +385,8 @@ class PoseGroup:
             covariance[diagonal, diagonal] = np.maximum(covariance[diagonal, diagonal], 0.0)
         cumulative = np.cumsum(self._sketch, axis=2, dtype=np.int64)
         quantiles = (self._quantile(cumulative, level, confidence) for level in LEVELS)
-        inside = self._inside.T
-        intervals = [[clopper_pearson(kept, self.count, confidence) for kept in row] for row in inside.tolist()]
+        counts = self._inside.T
+        intervals = [[clopper_pearson(count, self.count, confidence) for count in row] for row in counts.tolist()]
         quantile, interval, resolution = map(np.stack, zip(*quantiles, strict=True))
         return {
             "mean": mean[:, COMPONENTS].T,
@@ -397,8 +397,8 @@ class PoseGroup:
             "quantile": quantile,
             "quantile_interval": interval,
             "quantile_resolution": resolution,
-            "probability": inside / self.count,
-            "probability_interval": np.moveaxis(np.reshape(intervals, (len(inside), self.poses, 2)), 2, 1),
+            "probability": counts / self.count,
+            "probability_interval": np.moveaxis(np.reshape(intervals, (len(counts), self.poses, 2)), 2, 1),
         }
 
     def _moments(self) -> tuple[Array, Array]:
@@ -415,8 +415,8 @@ class PoseGroup:
         # - 1) p, each placed in its bin by its rank
         ranks = quantile_ranks(self.count, level, confidence)
         if ranks is None:
-            nothing = np.full((2, self.poses), np.nan)
-            return nothing, np.full((2, 2, self.poses), np.nan), nothing
+            unknown = np.full((2, self.poses), np.nan)
+            return unknown, np.full((2, 2, self.poses), np.nan), unknown
         position = (self.count - 1) * level
         below = min(int(position), self.count - 1)
         first, lower, upper = self._order_statistic(cumulative, below + 1)
@@ -432,15 +432,15 @@ class PoseGroup:
     def _order_statistic(self, cumulative: NDArray[np.int64], rank: int) -> tuple[Array, Array, Array]:
         """Return estimates of the rank-th smallest norms (from 1), ``(P, 2)``, and the edges of their bins."""
         if rank in (1, self.count):
-            seen = self._lowest if rank == 1 else self._highest
-            return seen, seen, seen
+            extreme = self._lowest if rank == 1 else self._highest
+            return extreme, extreme, extreme
         column = (cumulative < rank).sum(axis=2)[..., None]
         counts = np.take_along_axis(self._sketch, column, axis=2)[..., 0].astype(np.int64)
-        before = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts
+        previous = np.take_along_axis(cumulative, column, axis=2)[..., 0] - counts
         centre, scale = self._centre[:, NORMS], self._scale[:, NORMS]
         lower = np.maximum(centre + _EDGES[column[..., 0]] * scale, self._lowest)
         upper = np.minimum(centre + _EDGES[column[..., 0] + 1] * scale, self._highest)
-        return lower + (rank - before - 0.5) / counts * (upper - lower), lower, upper
+        return lower + (rank - previous - 0.5) / counts * (upper - lower), lower, upper
 
 
 _UPPER: Final = np.triu_indices(6)

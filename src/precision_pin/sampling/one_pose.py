@@ -160,15 +160,15 @@ def monte_carlo(
         enough = _enough(targets, plan, confidence, run_settings.report) if targets else None
         errors = sample_blocks(run, work, enough=enough)
     summary = finish(plan, run.state, confidence, spread=_spread(at.covariance))
-    wanted = [(text, reached(of, summary)) for text, of in zip(until, targets, strict=True)]
+    precisions = [(text, reached(of, summary)) for text, of in zip(until, targets, strict=True)]
     return _result(
         error_model, at, pose, work, summary, errors, findings,
         lambda: grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, int(seed))),
         "at this pose: all robots have the same error",
-        after=[_missed_target(text, one, summary.samples) for text, one in wanted if not one.reached],
+        after=[_missed_target(text, p, summary.samples) for text, p in precisions if not p.reached],
         nominal=at.tangent[0],
         origins=origin_shares(error_model.origins, at),
-        until=tuple(Until(*one) for one in wanted),
+        until=tuple(Until(*p) for p in precisions),
     )  # fmt: skip
 
 
@@ -203,12 +203,12 @@ def _result(
     if summary.specifications:
         summary = summary.with_grounds(grounds())
     chain, draws, names = error_model.chain, at.space.draws, work.layout.space.components
-    units = sorted({one.sample for one in (*summary.largest_position, *summary.largest_attitude)})
-    found = (
+    units = sorted({extreme.sample for extreme in (*summary.largest_position, *summary.largest_attitude)})
+    new_findings = (
         *at.findings(work.model), *error_model.statics_findings(at), *exact_findings_at(error_model, at), *before,
         *find_constant_error(summary, known, where), *find_coarse_bins(summary), *after,
     )  # fmt: skip
-    add(found)
+    add(new_findings)
     return MonteCarloResult(
         robot=os.path.basename(chain.robot.file),
         base=chain.base,
@@ -229,7 +229,7 @@ def _result(
         },
         assumed=error_model.assumed,
         sources=len(error_model.sources),
-        warnings=tuple(str(finding) for finding in (*known, *found)),
+        warnings=tuple(str(finding) for finding in (*known, *new_findings)),
         errors=errors,
         findings=known,
         **more,
@@ -243,35 +243,35 @@ def _enough(
 
     def enough(state: State) -> bool:
         summary = finish(plan, state, confidence)
-        found = [reached(wanted, summary) for wanted in targets]
-        if all(one.reached for one in found):
+        precisions = [reached(goal, summary) for goal in targets]
+        if all(precision.reached for precision in precisions):
             return True
-        for wanted, one in zip(targets, found, strict=True):
-            _check_resolved(wanted, one, summary)
-        needed = [one.needed(state.count) for one in found]
-        about = f"about {max(filter(None, needed)):,.3g} are needed" if all(needed) else "more are needed"
+        for goal, precision in zip(targets, precisions, strict=True):
+            _check_resolved(goal, precision, summary)
+        counts = [precision.needed(state.count) for precision in precisions]
+        about = f"about {max(filter(None, counts)):,.3g} are needed" if all(counts) else "more are needed"
         tell(f"{state.count:,} samples are not precise enough yet, {about}")
         return False
 
     return enough
 
 
-def _check_resolved(wanted: Target, found: Precision, summary: Summary) -> None:
+def _check_resolved(goal: Target, precision: Precision, summary: Summary) -> None:
     """Reject a tolerance below the error of the sketch, which more samples do not reduce."""
-    if isinstance(wanted.statistic, str):
+    if isinstance(goal.statistic, str):
         return
-    error = summary.distribution(wanted.quantity).quantile_error(wanted.statistic)
-    unit = "m" if wanted.quantity.startswith("position") else "rad"
-    if error is not None and error > found.tolerance:
+    error = summary.distribution(goal.quantity).quantile_error(goal.statistic)
+    unit = "m" if goal.quantity.startswith("position") else "rad"
+    if error is not None and error > precision.tolerance:
         raise InputError(
-            f"the {wanted.statistic:.6g} quantile of {wanted.quantity} is resolved to {error:.2g} {unit} only, the "
-            f"target's tolerance is {found.tolerance:.2g} {unit}; set a larger one, or compute the exact law"
+            f"the {goal.statistic:.6g} quantile of {goal.quantity} is resolved to {error:.2g} {unit} only, the "
+            f"target's tolerance is {precision.tolerance:.2g} {unit}; set a larger one, or compute the exact law"
         )
 
 
-def _missed_target(text: str, found: Precision, samples: int) -> Finding:
-    needed = found.needed(samples)
-    about = "" if needed is None else f"; about {needed:,.3g} are needed"
+def _missed_target(text: str, precision: Precision, samples: int) -> Finding:
+    count = precision.needed(samples)
+    about = "" if count is None else f"; about {count:,.3g} are needed"
     return Finding("warning", "W_UNTIL", f"{samples:,} samples do not reach the target {text}{about}")
 
 
@@ -305,22 +305,22 @@ def find_constant_error(summary: Summary, known: Sequence[Finding], where: str) 
 
 def find_coarse_bins(summary: Summary) -> list[Finding]:
     """Return a warning for each quantity with a quantile in too wide a bin for the sampled spread."""
-    found = []
+    findings = []
     for quantity in QUANTITIES:
         distribution = summary.distribution(quantity)
         allowed = max(_COARSE * (distribution.std or 0.0), _ROUNDING)
         if (distribution.bin_upper - distribution.bin_lower).max() <= allowed:
             continue
         errors = {level: distribution.quantile_error(level) or 0.0 for level in distribution.levels}
-        level = max(errors, key=lambda one: errors[one])
+        level = max(errors, key=lambda name: errors[name])
         if errors[level] > allowed:
             unit = "m" if quantity.startswith("position") else "rad"
             message = (
                 f"the {100 * level:.4g} % quantile of {quantity} is resolved to {errors[level]:.2g} {unit} only, because rare "
                 "errors lie far outside the range that the bins were planned for; its interval is widened accordingly"
             )
-            found.append(Finding("warning", "W_BINS", message))
-    return found
+            findings.append(Finding("warning", "W_BINS", message))
+    return findings
 
 
 # blocks merged in order -----------------------------------------------------------------------------------------------
@@ -422,31 +422,31 @@ def relative(
         2
     """
     run_settings = RunSettings(threads, progress=progress)
-    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    findings = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_samples(samples, keep_samples=keep_samples)
-    listed = listed_specifications(specifications)
-    ends = model_at_pose(error_model, pose), model_at_pose(error_model, other)
-    layouts = sampler.to_arrays(ends[0]), sampler.to_arrays(ends[1])
-    pair = _Pair(*ends, *layouts, model, int(seed), int(samples), keep_samples, listed)
+    limits = listed_specifications(specifications)
+    models = model_at_pose(error_model, pose), model_at_pose(error_model, other)
+    layouts = sampler.to_arrays(models[0]), sampler.to_arrays(models[1])
+    pair = _Pair(*models, *layouts, model, int(seed), int(samples), keep_samples, limits)
     with run_settings.begun(start(pair.plan), SAMPLES, lambda _: {}, pair.samples) as run:
         errors = sample_blocks(run, pair)
     summary = finish(pair.plan, run.state, confidence, spread=_spread(pair.covariance))
     label, joints = error_model.pose_name(other), error_model.chain.joint_names
-    there = pair.other.posture
+    state = pair.other.posture
 
     def grounds() -> Grounds:
         names = (error_model.pose_name(pose) or "the pose", label or "the pose relative to which errors are taken")
-        both = np.column_stack([pair.at.posture.q, there.q])
+        joint_values = np.column_stack([pair.at.posture.q, state.q])
         pairs = (pair, replace(pair, model="exact")) if model == "linear" else ()
-        absolute = [np.abs(quantity_values(one.errors(0, BLOCK))) for one in pairs]
-        return grounds_at(error_model, both, names, both=pairwise(absolute))
+        absolute = [np.abs(quantity_values(variant.errors(0, BLOCK))) for variant in pairs]
+        return grounds_at(error_model, joint_values, names, both=pairwise(absolute))
 
     return _result(
-        error_model, pair.at, pose, pair, summary, errors, known, grounds,
+        error_model, pair.at, pose, pair, summary, errors, findings, grounds,
         "between these poses: all robots have the same relative error",
-        before=_named((*pair.other.findings(model), *error_model.statics_findings(pair.other)), label),
+        before=_name_pose((*pair.other.findings(model), *error_model.statics_findings(pair.other)), label),
         relative_to=RelativeTo(
-            label, dict(zip(joints, map(float, there.q), strict=True)), written_approach(joints, there.approach)
+            label, dict(zip(joints, map(float, state.q), strict=True)), written_approach(joints, state.approach)
         ),
         nominal=pair.at.tangent[0] - pair.other.tangent[0],
     )  # fmt: skip
@@ -518,20 +518,20 @@ class _Pair:
     @cached_property
     def plan(self) -> Plan:
         """Centres and bins, from the first robots of the seed."""
-        here, there, shared = self.at.tangent[1], self.other.tangent[1], self.shared
+        a, b, shared = self.at.tangent[1], self.other.tangent[1], self.shared
         space = self.at.space
-        own = [draw for draw, rows in zip(space.draws, space.slices, strict=True) if not shared[rows].any()]
+        other_draws = [draw for draw, rows in zip(space.draws, space.slices, strict=True) if not shared[rows].any()]
         # draws that are not shared count at either pose
-        columns = np.hstack([np.where(shared, here - there, here), -there[:, ~shared]])
+        columns = np.hstack([np.where(shared, a - b, a), -b[:, ~shared]])
         return plan_by_pilot(
             lambda: self.errors(0, PILOT),
             (self.at.error_at_means - self.other.error_at_means, self.covariance),
-            reach(self.at, self.layout, np.where(shared, np.abs(here - there), np.abs(here) + np.abs(there))),
-            first_order_skewness((*space.draws, *own), columns),
+            reach(self.at, self.layout, np.where(shared, np.abs(a - b), np.abs(a) + np.abs(b))),
+            first_order_skewness((*space.draws, *other_draws), columns),
             self.specifications,
         )
 
 
-def _named(findings: Sequence[Finding], label: str) -> list[Finding]:
-    where = f"pose {label!r}, relative to which" if label else "the pose relative to which"
-    return [replace(one, message=f"{where} errors are taken: {one.message}") for one in findings]
+def _name_pose(findings: Sequence[Finding], label: str) -> list[Finding]:
+    phrase = f"pose {label!r}, relative to which" if label else "the pose relative to which"
+    return [replace(finding, message=f"{phrase} errors are taken: {finding.message}") for finding in findings]

@@ -80,14 +80,14 @@ class PosesSpecification(Record):
 
     @property
     def verdict(self) -> Verdict:
-        """That of the worst pose or, if worse, of the robots that keep it at all poses."""
+        """Verdict at the worst pose or, if worse, for the robots that keep it at all poses."""
         verdicts = [self.results[self.worst].verdict, *([self.everywhere.verdict] if self.everywhere else [])]
         return min(verdicts, key=_WORST_FIRST.index)
 
     @property
     def grounds(self) -> Grounds:
-        """Those of the first pose that is not judged, else of all."""
-        return next((one.grounds for one in self.results if one.grounds.not_judged), self.results[0].grounds)
+        """Grounds of the first pose that is not judged, else of all."""
+        return next((result.grounds for result in self.results if result.grounds.not_judged), self.results[0].grounds)
 
     @property
     def said(self) -> str:
@@ -239,8 +239,8 @@ class PosesResult(Record, JsonResult):
         results = self.specification_results
         if results:
             return next((result for result in results if not result.met), results[0]).worst_first
-        within = self.quantile[LEVELS.index(0.95), 0]
-        size = self.norm_mean[0] if np.isnan(within).any() else within
+        quantile = self.quantile[LEVELS.index(0.95), 0]
+        size = self.norm_mean[0] if np.isnan(quantile).any() else quantile
         return [int(pose) for pose in np.argsort(-size, kind="stable")]
 
     @property
@@ -253,10 +253,10 @@ class PosesResult(Record, JsonResult):
         """Each specification over all poses, judged at each as for a single pose."""
         labels, varying = tuple(pose_labels(self.names)), self._varying()
         models = self.error_model.at_columns(self.q, self.approaches)
-        both = by_both_models(models, self.model if self.specifications else "", self.seed, self.poses)
-        grounds = grounds_at_each(self.error_model, self.q, labels, both)
-        of_all = next((one for one in grounds if one.not_judged), grounds[0])
-        of_all = replace(of_all, both=largest_of_both(one.both for one in grounds if one.both is not None))
+        model_verdicts = by_both_models(models, self.model if self.specifications else "", self.seed, self.poses)
+        grounds = grounds_at_each(self.error_model, self.q, labels, model_verdicts)
+        of_all = next((entry for entry in grounds if entry.not_judged), grounds[0])
+        of_all = replace(of_all, both=largest_of_both(entry.both for entry in grounds if entry.both is not None))
 
         def judged(
             rank: int, share: float, interval: tuple[float, float], varies: object, on: Grounds
@@ -264,19 +264,21 @@ class PosesResult(Record, JsonResult):
             spec = self.specifications[rank]
             return SpecificationResult(spec.quantity, spec.limit, spec.required, share, interval, bool(varies), on)
 
-        found = []
+        results = []
         for rank, spec in enumerate(self.specifications):
             shares = self.probability[rank].tolist()
             intervals = map(tuple, self.probability_interval[rank].T.tolist())
             at_each = zip(shares, intervals, varying[spec.row], grounds, strict=True)
             everywhere = None
             if self.kept_everywhere is not None:
-                kept = self.kept_everywhere[rank]
-                interval = clopper_pearson(kept, self.samples, self.confidence)
-                everywhere = judged(rank, kept / self.samples, interval, varying[spec.row].any(), of_all)
+                count = self.kept_everywhere[rank]
+                interval = clopper_pearson(count, self.samples, self.confidence)
+                everywhere = judged(rank, count / self.samples, interval, varying[spec.row].any(), of_all)
             largest = tuple(self.norm_mean[int(spec.quantity.startswith("attitude"))].tolist())
-            found.append(PosesSpecification(tuple(judged(rank, *one) for one in at_each), labels, largest, everywhere))
-        return tuple(found)
+            results.append(
+                PosesSpecification(tuple(judged(rank, *entry) for entry in at_each), labels, largest, everywhere)
+            )
+        return tuple(results)
 
     def _varying(self) -> NDArray[np.bool_]:
         """Return which of the eight quantities vary at each pose, ``(8, P)``, in the samples or to first order."""
@@ -324,10 +326,10 @@ class PosesResult(Record, JsonResult):
                 [draw.scope is Scope.UNIT for draw in space.draws], [draw.law.size for draw in space.draws]
             )
             covariance = covariance.scaled(shared.astype(float))
-        here, there = (
+        first, second = (
             self.error_model.at(self.q[:, pose], approach=self._approach(pose)).jacobian for pose in (one, other)
         )
-        return covariance.between(here, there)
+        return covariance.between(first, second)
 
     def _approach(self, pose: int) -> tuple[int, ...]:
         return () if self.approaches is None else tuple(self.approaches[:, pose].tolist())
@@ -338,7 +340,7 @@ class PosesResult(Record, JsonResult):
         Raises:
             UnknownNameError: No pose has this name.
         """
-        return self.names.index(check_name("pose", name, [known for known in self.names if known]))
+        return self.names.index(check_name("pose", name, [label for label in self.names if label]))
 
     @property
     def _entries(self) -> list[dict[str, Any]]:
@@ -377,11 +379,11 @@ class PosesResult(Record, JsonResult):
             component = COMPONENTS.index(row)
             return {"mean": float(self.mean[component, pose]), "std": float(self.std[component, pose])}
         norm = NORMS.index(row)
-        found = {key: float(getattr(self, f"norm_{key}")[norm, pose]) for key in ("mean", "std", "max")}
+        columns = {key: float(getattr(self, f"norm_{key}")[norm, pose]) for key in ("mean", "std", "max")}
         for rank, level in enumerate(LEVELS):
             low, high = self.quantile_interval[rank, norm, :, pose].tolist()
-            found |= interval_columns(f"quantile_{level}", float(self.quantile[rank, norm, pose]), (low, high))
-        return found
+            columns |= interval_columns(f"quantile_{level}", float(self.quantile[rank, norm, pose]), (low, high))
+        return columns
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the result as a dataset, m and rad, NaN where not resolved.
@@ -406,7 +408,7 @@ class PosesResult(Record, JsonResult):
             "quantile_interval": ("probability", "norm", "end"),
             "quantile_resolution": ("probability", "norm"),
         }
-        variables: dict[str, Any] = {name: ((*own, "pose"), getattr(self, name)) for name, own in dimensions.items()}
+        variables: dict[str, Any] = {name: ((*dims, "pose"), getattr(self, name)) for name, dims in dimensions.items()}
         variables["inside"] = (("specification", "pose"), self.probability)
         variables["inside_interval"] = (("specification", "end", "pose"), self.probability_interval)
         if self.approaches is not None:
@@ -441,18 +443,18 @@ class PosesResult(Record, JsonResult):
             ]
             for pose, label in enumerate(pose_labels(self.names))
         ]
-        within = [f"{100 * level:g} %" for level in LEVELS[1:]]
-        columns = ["pose", "mean |d| [mm]", *within, "mean |δ| [mrad]", *within]
+        levels = [f"{100 * level:g} %" for level in LEVELS[1:]]
+        columns = ["pose", "mean |d| [mm]", *levels, "mean |δ| [mrad]", *levels]
         note = f"{self.samples:,} samples at each pose, seed {self.seed}, {self.model} model, statics {self.statics}; base axes"
         title = f"Pose error of {self.robot}: {self.base} to {self.tip}, {self.poses:,} poses"
         return rendered(title, [Table(columns, rows)], [note, *self.warnings])
 
     def __repr__(self) -> str:
         worst = self.quantile[1, 0]
-        within = "" if np.isnan(worst).all() else f", |d| within {1e3 * np.nanmax(worst):.4g} mm for 95 % at the worst"
+        phrase = "" if np.isnan(worst).all() else f", |d| within {1e3 * np.nanmax(worst):.4g} mm for 95 % at the worst"
         return (
             f"<PosesResult of {self.robot!r}, {self.base!r} to {self.tip!r}: {self.poses:,} poses, "
-            f"{self.samples:,} samples at each, seed {self.seed}, {self.model} model{within}>"
+            f"{self.samples:,} samples at each, seed {self.seed}, {self.model} model{phrase}>"
         )
 
 

@@ -64,12 +64,12 @@ class Correlated(Record):
     @classmethod
     def all_of(cls, space: Space) -> tuple[Correlated, ...]:
         """Return every correlation of a space."""
-        found = []
+        groups = []
         for correlation in space.correlations:
             columns = [space.index[name] for name in correlation.names]
             pearson = space.pearson_within(columns)
-            found.append(cls(correlation.names, correlation.matrix, tuple(map(tuple, pearson.tolist()))))
-        return tuple(found)
+            groups.append(cls(correlation.names, correlation.matrix, tuple(map(tuple, pearson.tolist()))))
+        return tuple(groups)
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class MonteCarloResult(Record, JsonResult):
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions)
     relative_to: RelativeTo | None = None
-    # fields, because interpreters complete what follows a property from its class only, which has no fields
+    # fields, because interpreters complete names after a property from its class only, which has no fields
     position: VectorDistribution = field(init=False, repr=False)
     attitude: VectorDistribution = field(init=False, repr=False)
 
@@ -208,13 +208,13 @@ class MonteCarloResult(Record, JsonResult):
 
     @property
     def _largest(self) -> dict[str, Any]:
-        listed = {"position": self.summary.largest_position, "attitude": self.summary.largest_attitude}
+        extremes_of = {"position": self.summary.largest_position, "attitude": self.summary.largest_attitude}
         return {
             name: [
-                {"unit": one.sample, "value": one.value, "parameters": self.makers.get(one.sample, {})}
-                for one in extremes
+                {"unit": extreme.sample, "value": extreme.value, "parameters": self.makers.get(extreme.sample, {})}
+                for extreme in extremes
             ]
-            for name, extremes in listed.items()
+            for name, extremes in extremes_of.items()
         }
 
     @property
@@ -228,10 +228,10 @@ class MonteCarloResult(Record, JsonResult):
     @property
     def arm(self) -> str:
         """Robot and pose, shortened, without marks that change the direction of text."""
-        named = f" at pose {visible(self.pose_name, 40)}" if self.pose_name else ""
+        pose = f" at pose {visible(self.pose_name, 40)}" if self.pose_name else ""
         other = self.relative_to
         relative = f" relative to {visible(other.name, 40) or 'another pose'}" if other else ""
-        return f"{visible(self.robot, 60)}{named}{relative}"
+        return f"{visible(self.robot, 60)}{pose}{relative}"
 
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
         """Draw the sampled distribution.
@@ -292,30 +292,30 @@ class MonteCarloResult(Record, JsonResult):
         """
         distributions = [self.summary.distribution(name) for name in QUANTITIES]
         levels = sorted({level for distribution in distributions for level in distribution.levels})
-        nothing = (np.nan, np.nan)
+        unknown = (np.nan, np.nan)
 
         def over(values: Callable[[Distribution], Any], *dimensions: str) -> tuple[tuple[str, ...], list[Any]]:
             return ("quantity", *dimensions), [values(distribution) for distribution in distributions]
 
         covariance, interval, nowhere = self.covariance, self.summary.covariance_interval, np.full((6, 6, 2), np.nan)
         variables: dict[str, Any] = {
-            name: over(lambda one: tables.number(getattr(one, name)))  # noqa: B023 - called at once
+            name: over(lambda law: tables.number(getattr(law, name)))  # noqa: B023 - called at once
             for name in ("mean", "std", "min", "max", "mode")
         }
         variables["quantile"] = over(
-            lambda one: [tables.number(one.resolved_quantile(level)) for level in levels], "probability"
+            lambda law: [tables.number(law.resolved_quantile(level)) for level in levels], "probability"
         )
         variables["quantile_interval"] = over(
-            lambda one: [one.quantile_interval(level) or nothing for level in levels], "probability", "end"
+            lambda law: [law.quantile_interval(level) or unknown for level in levels], "probability", "end"
         )
         variables["nominal"] = ("component", self.nominal)
         pair = ("component", "component_2")
         variables["covariance"] = (pair, nowhere[..., 0] if covariance is None else covariance)
         for name in ("mean", "std", "mode"):
-            variables[f"{name}_interval"] = over(lambda one: one.interval(name) or nothing, "end")  # noqa: B023
+            variables[f"{name}_interval"] = over(lambda law: law.interval(name) or unknown, "end")  # noqa: B023
         variables["covariance_interval"] = ((*pair, "end"), nowhere if interval is None else interval)
         variables["tolerance_bounds"] = over(
-            lambda one: [one.tolerance_bounds(content) or nothing for content in CONTENTS], "content", "end"
+            lambda law: [law.tolerance_bounds(content) or unknown for content in CONTENTS], "content", "end"
         )
         if self.errors is not None:
             variables["error"] = (("component", "sample"), self.errors)
@@ -332,17 +332,17 @@ class MonteCarloResult(Record, JsonResult):
     def __repr__(self) -> str:
         norm = self.position.norm
         quantile = norm.resolved_quantile(0.95)
-        within = "" if quantile is None else f", |d| within {1e3 * quantile:.4g} mm for 95 %"
+        phrase = "" if quantile is None else f", |d| within {1e3 * quantile:.4g} mm for 95 %"
         return (
             f"<MonteCarloResult of {self.robot!r}, {self.base!r} to {self.tip!r}, pose {self.pose_name!r}{self._other_pose}: "
-            f"{self.samples:,} samples, seed {self.seed}, {self.model} model{within}>"
+            f"{self.samples:,} samples, seed {self.seed}, {self.model} model{phrase}>"
         )
 
     def _repr_html_(self) -> str:
         """Return the notebook view: mm and mrad, half-widths of intervals after ±."""
         pose = repr(self.pose_name) if self.pose_name else "without a name"
-        given = self.summary.specifications
-        specifications = [notebook_table(specification_columns(), given)] if given else []
+        results = self.summary.specifications
+        specifications = [notebook_table(specification_columns(), results)] if results else []
         return rendered(
             f"Pose error of {self.robot}: {self.base} to {self.tip}, pose {pose}{self._other_pose}",
             [notebook_table(_columns(), map(self.summary.distribution, QUANTITIES)), *specifications],
@@ -368,56 +368,56 @@ class MonteCarloResult(Record, JsonResult):
 
 def _columns(levels: Iterable[float] = ()) -> list[Column]:
     """Return the columns of a distribution; in data frames also the quantiles of these levels."""
-    marked: dict[str | float, str] = {"mean": "mean", "std": "std", 0.5: "50 %", 0.95: "95 %", 0.9973: "99.73 %"}
+    headings: dict[str | float, str] = {"mean": "mean", "std": "std", 0.5: "50 %", 0.95: "95 %", 0.9973: "99.73 %"}
     return [
         *QUANTITY,
-        *(Column(partial(_with_half_width, which), notebook=heading) for which, heading in marked.items()),
+        *(Column(partial(_with_half_width, statistic), notebook=heading) for statistic, heading in headings.items()),
         *(Column(partial(_with_interval, name), frame=name, has_interval=True) for name in ("mean", "std")),
         Column("min", tables.milli, notebook="smallest seen", frame="min"),
         Column("max", tables.milli, notebook="largest seen", frame="max"),
         Column(partial(_with_interval, "mode"), frame="mode", has_interval=True),
-        *(Column(partial(_with_interval, one), frame=f"quantile_{one}", has_interval=True) for one in levels),
+        *(Column(partial(_with_interval, level), frame=f"quantile_{level}", has_interval=True) for level in levels),
     ]
 
 
-def _with_interval(which: str | float, of: Distribution) -> tuple[float | None, tuple[float, float] | None]:
+def _with_interval(key: str | float, law: Distribution) -> tuple[float | None, tuple[float, float] | None]:
     # as in the JSON, low quantiles of a norm are not reported
-    return of.value_and_interval(which) if isinstance(which, str) or which in of.levels else (None, None)
+    return law.value_and_interval(key) if isinstance(key, str) or key in law.levels else (None, None)
 
 
-def _with_half_width(which: str | float, of: Distribution) -> str | None:
-    (value, _), half_width = of.value_and_interval(which), of.half_width(which)
+def _with_half_width(key: str | float, law: Distribution) -> str | None:
+    (value, _), half_width = law.value_and_interval(key), law.half_width(key)
     if value is None or half_width is None:
         return None
-    return "0" if max(abs(of.min), abs(of.max)) < tables.ROUNDING else tables.plus_minus(1e3 * value, 1e3 * half_width)
+    return "0" if max(-law.min, law.max) < tables.ROUNDING else tables.plus_minus(1e3 * value, 1e3 * half_width)
 
 
 def specification_columns(confidence: float = 0.95) -> list[Column]:
     """Return the columns of the table of specifications."""
 
     def inside(form: str) -> Callable[[SpecificationResult], str]:
-        return lambda one: form.format(*format_share(one.probability, one.interval, one.required))
+        return lambda result: form.format(*format_share(result.probability, result.interval, result.required))
 
     return [
-        Column(lambda one: tables.absolute(one.quantity), notebook="specification"),
-        Column(lambda one: f"{tables.milli(one.limit)} {tables.unit(one.quantity)}", notebook="limit"),
+        Column(lambda result: tables.absolute(result.quantity), notebook="specification"),
+        Column(lambda result: f"{tables.milli(result.limit)} {tables.unit(result.quantity)}", notebook="limit"),
         Column(limit_text, report="limit"),
         Column("required", lambda share: f"{100 * share:.10g} %", notebook="required", report="required inside"),
         Column(inside("{} %"), notebook="inside", report="inside"),
         Column(inside("{1} to {2} %"), notebook="interval"),
         Column(inside("[{1}, {2}] %"), report=f"interval at {100 * confidence:g} % confidence"),
-        Column(lambda one: one.verdict if one.met else one.verdict.upper(), notebook=""),
+        Column(lambda result: result.verdict if result.met else result.verdict.upper(), notebook=""),
         Column(
-            lambda one: (one.verdict, one.met),
+            lambda result: (result.verdict, result.met),
             lambda pair: element("strong", pair[0], class_="good" if pair[1] else "bad"),
             report="verdict", is_words=True,
         ),
     ]  # fmt: skip
 
 
-def limit_text(one: SpecificationResult) -> str:
+def limit_text(result: SpecificationResult) -> str:
     """Return quantity and limit as text."""
-    return f"{tables.absolute(one.quantity)} ≤ {1e3 * one.limit:.6g} {tables.unit(one.quantity)}"
+    return f"{tables.absolute(result.quantity)} ≤ {1e3 * result.limit:.6g} {tables.unit(result.quantity)}"
 
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")

@@ -122,22 +122,22 @@ class RunSettings:
         start: S,
         codec: Codec[S],
         identity: Callable[[Files], Mapping[str, str]],
-        whole: int,
+        total: int,
         steps: int | None = None,
     ) -> Iterator[Run[S]]:
-        """Yield the run from its start, or from the state of its journal, which is saved at its end, come what may.
+        """Yield the run from its start, or from the state of its journal, which is saved at its end in any case.
 
         Args:
             identity: Returns all inputs that determine the bits of the run, given its files.
-            whole: The count of the state at the end of the run.
-            steps: Number of samples of all passes, for the progress; by default the ``whole``.
+            total: The count of the state at the end of the run.
+            steps: Number of samples of all passes, for the progress; by default the ``total``.
         """
         with ExitStack() as stack:
-            run = Run(self.workers, stack.enter_context(steps_to(self.progress, steps or whole)), start)
+            run = Run(self.workers, stack.enter_context(steps_to(self.progress, steps or total)), start)
             if self.journal is not None:
-                known = identity(self.files or {})
+                identities = identity(self.files or {})
                 run.journal, run.state = stack.enter_context(
-                    opened(self.journal, known, start, codec, resume=self.resume, tell=self.report)
+                    opened(self.journal, identities, start, codec, resume=self.resume, tell=self.report)
                 )
             journal = run.journal
             stack.enter_context(self.workers)
@@ -150,7 +150,7 @@ class RunSettings:
                     journal.save(run.state)
                     if isinstance(error, KeyboardInterrupt):
                         error.add_note(
-                            f"the journal {journal.name} holds the first {journal.saved:,} of {whole:,} {codec.unit}"
+                            f"the journal {journal.name} holds the first {journal.saved:,} of {total:,} {codec.unit}"
                         )
                 raise
             if journal is not None:

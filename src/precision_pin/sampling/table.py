@@ -38,7 +38,7 @@ def analysis_table(analysis: MonteCarloResult, *, is_whole: bool = False) -> str
 
 def _brief(analysis: MonteCarloResult) -> list[str]:
     cells = _statistics(analysis, _BRIEF)
-    others = "--all: extremes, mode, tolerance bounds, error at the means" + ", correlations" * bool(
+    advice = "--all: extremes, mode, tolerance bounds, error at the means" + ", correlations" * bool(
         analysis.correlations
     )
     unresolved = "; - not resolved" * any("-" in row for row in cells)
@@ -53,17 +53,17 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
         "",
         *aligned(cells),
         "",
-        f"{others}{unresolved}",
+        f"{advice}{unresolved}",
         *resting_on(analysis.assumed, analysis.sources, analysis.origins, is_brief=True),
     ]
 
 
 def _answer(analysis: MonteCarloResult) -> list[str]:
     """Return the last lines of the table: each verdict, or the sizes that most robots keep."""
-    given = analysis.summary.specifications
-    if not given:
+    results = analysis.summary.specifications
+    if not results:
         return [f"95 % of robots within {_within(analysis, 0.95)}"]
-    return [verdict_line(demanded(one), one, "{share} % inside") for one in given]
+    return [verdict_line(demanded(result), result, "{share} % inside") for result in results]
 
 
 def _whole(analysis: MonteCarloResult) -> list[str]:
@@ -98,8 +98,8 @@ def _relative(analysis: MonteCarloResult, *, is_named: bool = True) -> list[str]
     other = analysis.relative_to
     if other is None:
         return []
-    where = pose_text(other.name, other.q, analysis.sliding_joints, other.approach, is_named=is_named)
-    return [f"relative to the same robots at pose {where}"]
+    label = pose_text(other.name, other.q, analysis.sliding_joints, other.approach, is_named=is_named)
+    return [f"relative to the same robots at pose {label}"]
 
 
 def _within(analysis: MonteCarloResult, level: float) -> str:
@@ -147,7 +147,7 @@ def statistic(distribution: Distribution, which: str | float) -> str:
     interval = distribution.interval(which)
     if value is None or interval is None:
         return "-"
-    # where few robots have an error, that of the others is rounding
+    # if few robots have an error, the error of the others is rounding
     if max(abs(distribution.min), abs(distribution.max)) < ROUNDING or max(map(abs, (value, *interval))) < ROUNDING:
         return "0"
     return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
@@ -164,8 +164,8 @@ def tolerance_bounds(distribution: Distribution, content: float) -> str:
     size = distribution.std or abs(bounds[1]) / 1000 or 1.0
     place = Decimal(1).scaleb(Decimal(1e3 * size).adjusted() - 2)
     low, high = (
-        (Decimal(1000) * Decimal(end)).quantize(place, way)
-        for end, way in zip(bounds, (ROUND_FLOOR, ROUND_CEILING), strict=True)
+        (Decimal(1000) * Decimal(bound)).quantize(place, rounding)
+        for bound, rounding in zip(bounds, (ROUND_FLOOR, ROUND_CEILING), strict=True)
     )
     return f"{high + 0:f}" if distribution.is_norm else f"{low + 0:f} to {high + 0:f}"
 
@@ -224,10 +224,10 @@ _WORST_ROWS: Final = 6
 
 def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
     """Return a designer's summary of several poses, worst pose and verdicts, then a row for each pose."""
-    listed = list(range(result.poses))
+    poses = list(range(result.poses))
     if result.poses > _MOST_ROWS and not is_whole:
-        listed = result.worst_first[:_WORST_ROWS]
-    left_out = result.poses - len(listed)
+        poses = result.worst_first[:_WORST_ROWS]
+    left_out = result.poses - len(poses)
     specifications = result.specification_results
     model = result.error_model
     shares = origin_shares(model.origins, next(model.at_columns(result.q[:, [0]])))
@@ -238,20 +238,20 @@ def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
         _worst(result),
         *(_poses_verdict(result, specification) for specification in specifications),
         "",
-        *aligned(_pose_rows(result, listed, is_whole)),
+        *aligned(_pose_rows(result, poses, is_whole)),
         *([f"and {left_out:,} more poses: --all"] if left_out else []),
         "",
         "quantiles of |d| in mm, shares inside each spec; - is not resolved",
         *resting_on(model.assumed, len(model.sources), shares, pose_labels(result.names)[0], is_brief=not is_whole),
-        *([_poses_verdict(result, one, is_brief=True) for one in specifications] or [_worst(result)]),
+        *([_poses_verdict(result, spec, is_brief=True) for spec in specifications] or [_worst(result)]),
     ]
     return "\n".join(lines)
 
 
 def _worst(result: PosesResult) -> str:
-    within = ", ".join(f"{100 * level:.4g} % of robots within |d| {_pose_quantile(result, rank, result.worst_pose)[0]} mm"
+    phrase = ", ".join(f"{100 * level:.4g} % of robots within |d| {_pose_quantile(result, rank, result.worst_pose)[0]} mm"
                        for rank, level in enumerate(LEVELS[1:], start=1))  # fmt: skip
-    return f"worst {_pose_name(result, result.worst_pose)}: {within}"
+    return f"worst {_pose_name(result, result.worst_pose)}: {phrase}"
 
 
 def _pose_name(result: PosesResult, pose: int) -> str:
@@ -270,35 +270,35 @@ def _poses_verdict(result: PosesResult, specification: PosesSpecification, *, is
     share, low, high = format_share(worst.probability, worst.interval, worst.required)
     if is_brief:
         return f"{demand} - worst {pose}, {share} % inside"
-    kept = sum(of.met for of in specification.results)
-    together = ""
+    count = sum(entry.met for entry in specification.results)
+    suffix = ""
     if specification.everywhere is not None:
         of_all = specification.everywhere
-        kept_share, *ends = format_share(of_all.probability, of_all.interval, of_all.required)
-        together = f"; {kept_share} % of robots keep it at all poses, interval {ends[0]} to {ends[1]} %"
-    more = ": more samples decide it" if specification.verdict == "undecided" else ""
+        kept_share, *interval = format_share(of_all.probability, of_all.interval, of_all.required)
+        suffix = f"; {kept_share} % of robots keep it at all poses, interval {interval[0]} to {interval[1]} %"
+    advice = ": more samples decide it" if specification.verdict == "undecided" else ""
     return (
         f"{demand} - worst {pose}, {share} % inside, interval {low} to {high} %; "
-        f"met at {kept:,} of {len(specification.results):,} poses{together}{more}"
+        f"met at {count:,} of {len(specification.results):,} poses{suffix}{advice}"
     )
 
 
-def _pose_rows(result: PosesResult, listed: Sequence[int], has_intervals: bool) -> list[list[str]]:
+def _pose_rows(result: PosesResult, poses: Sequence[int], has_intervals: bool) -> list[list[str]]:
     """Return the heading and a row for each pose; the median's interval is left out to fit a terminal."""
     levels = range(len(LEVELS))
     rows, labels = [["pose", "median"]], pose_labels(result.names)
     for level in LEVELS[1:]:
         rows[0] += [f"{100 * level:.4g} %", *["interval"] * has_intervals]
     rows[0] += [f"spec {rank}" for rank in range(1, len(result.specifications) + 1)]
-    for pose in listed:
-        (median, _), *others = (_pose_quantile(result, rank, pose) for rank in levels)
-        judged = [specification.results[pose] for specification in result.specification_results]
+    for pose in poses:
+        (median, _), *quantile_pairs = (_pose_quantile(result, rank, pose) for rank in levels)
+        results = [specification.results[pose] for specification in result.specification_results]
         shares = [
-            f"{format_share(of.probability, of.interval, of.required)[0]} %{'' if of.met else f' {of.verdict}'}"
-            for of in judged
+            f"{format_share(r.probability, r.interval, r.required)[0]} %{'' if r.met else f' {r.verdict}'}"
+            for r in results
         ]
         worst = " (worst)" if pose == result.worst_pose else ""
-        quantiles = [cell for pair in others for cell in pair[: 1 + has_intervals]]
+        quantiles = [cell for pair in quantile_pairs for cell in pair[: 1 + has_intervals]]
         rows.append([labels[pose] + worst, median, *quantiles, *shares])
     return rows
 

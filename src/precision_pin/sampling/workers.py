@@ -179,7 +179,7 @@ def _serve(pipe: Connection[Any, Any]) -> None:
             pipe.send(answer)
 
 
-class Foreign(Workers):
+class ExecutorWorkers(Workers):
     """Executor given by the caller; it is not shut down."""
 
     def __init__(self, executor: Submitter, most: int) -> None:
@@ -224,13 +224,13 @@ def chosen(
     threads: int | None, processes: int | None, executor: Submitter | None, tasks_under_way: int | None
 ) -> Workers:
     """Return the requested workers, by default threads on all cores."""
-    asked = [
+    options = [
         name
         for name, value in (("threads", threads), ("processes", processes), ("executor", executor))
         if value is not None
     ]
-    if len(asked) > 1:
-        raise InputError(f"{' and '.join(asked)} exclude each other; give one of threads, processes and executor")
+    if len(options) > 1:
+        raise InputError(f"{' and '.join(options)} exclude each other; give one of threads, processes and executor")
     for name, number in (("threads", threads), ("processes", processes), ("tasks_under_way", tasks_under_way)):
         if number is not None:
             check_whole(name, number, 1, MOST_WORKERS)
@@ -242,9 +242,9 @@ def chosen(
         return Threads(threads or available_cores())
     if not callable(getattr(executor, "submit", None)):
         raise InputError(f"an executor must have submit(function, *arguments); {type(executor).__name__} does not")
-    known = getattr(executor, "_max_workers", None)  # the name in the executors of Python, loky and mpi4py
-    workers = known if isinstance(known, int) else available_cores()
-    return Foreign(executor, tasks_under_way or 2 * workers)
+    count = getattr(executor, "_max_workers", None)  # the name in the executors of Python, loky and mpi4py
+    workers = count if isinstance(count, int) else available_cores()
+    return ExecutorWorkers(executor, tasks_under_way or 2 * workers)
 
 
 PATIENCE: Final = 10
@@ -332,8 +332,8 @@ def in_order(tasks: Iterable[Callable[[], Found]], threads: int) -> Generator[Fo
     """Yield the results of tasks in order; threads run a few ahead."""
     # after a failure or an interrupt the running tasks are awaited; each takes a fraction of a second
     with Threads(threads) as workers:
-        for _, found in InOrder(workers, ((None, task) for task in tasks)):
-            yield found
+        for _, result in InOrder(workers, ((None, task) for task in tasks)):
+            yield result
 
 
 @contextmanager
@@ -358,7 +358,7 @@ def dask_cluster(address: str) -> Iterator[tuple[DaskCluster, int]]:
     except ImportError:
         raise InputError("Dask is not installed (pip install 'precision-pin[dask]')") from None
     # errors reach the user as exceptions; the log would repeat them with tracebacks
-    for name in [one for one in logging.root.manager.loggerDict if one.partition(".")[0] == "distributed"]:
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     client: Any = None
     try:

@@ -1,7 +1,7 @@
 """Error budget: contributions of draws, sources and joints to the pose error, and the effect of tighter tolerances.
 
 Closed-form shares of the tangent model and Sobol indices of the exact model agree as far as that is linear. The indices
-are those of the pick-freeze method, on replicated scrambled Sobol points. First order: Azzini, Mara and Rosati,
+are from the pick-freeze method, on replicated scrambled Sobol points. First order: Azzini, Mara and Rosati,
 Environmental Modelling & Software 144 (2021) 105167, whose noise decreases with the index itself. Total: Jansen,
 Computer Physics Communications 117 (1999). Both use two sets of points and their mixtures, as in Saltelli et al., ibid.
 181 (2010). For several outputs together, numerators and variances are added first (Gamboa, Janon, Klein and Lagnoux,
@@ -104,7 +104,7 @@ class SampledBudget:
         nodes = Marginals.of(size, samples // REPLICATES, is_net=True, breaks=law_breaks(at.space))
         self.marginals, _ = nodes.evaluate(lambda uniforms: self._norms(at.space.inverse(uniforms)))
         self.nodes = at.space.inverse(self.marginals.uniforms)
-        self.known = found_quantiles(self.norms, MARKED)
+        self.known = weighted_quantiles(self.norms, MARKED)
         self.quantiles = _estimates(self.known.estimates(confidence))
 
     def _errors(self, x: Array) -> Array:
@@ -127,8 +127,8 @@ class SampledBudget:
                 std, dict(zip(NORMS, self.quantiles, strict=True)), dict.fromkeys(NORMS, _NOTHING)
             )
         halved, unseen = self._norms(self._with_half(self.x, rows)), self._estimate_unseen_change(rows)
-        found = quantile_changes(halved, self.known, MARKED, self.confidence, unseen)
-        values, changes = (dict(zip(NORMS, _estimates(one), strict=True)) for one in found)
+        pairs = quantile_changes(halved, self.known, MARKED, self.confidence, unseen)
+        values, changes = (dict(zip(NORMS, _estimates(estimates), strict=True)) for estimates in pairs)
         return budget_result.Halved(std, values, changes)
 
     def _with_half(self, x: Array, rows: slice) -> Array:
@@ -147,13 +147,13 @@ class SampledBudget:
         """Return indices and closed-form share of every group."""
         names = [draw.name for draw in self.at.space.draws]
         spreads = zip(SAMPLED, self.indices.varies.tolist(), strict=True)
-        none = {quantity: _NOTHING if spread else None for quantity, spread in spreads}
+        no_index = {quantity: _NOTHING if spread else None for quantity, spread in spreads}
         result = []
         for k, group in enumerate(self.group_draws):
             closed = closed_form.shares_of(closed_form.group_part(self.at, group, shares), variances)
-            first = self._row(self.indices.first, k) if k in self.sampled else none
-            total = self._row(self.indices.total, k) if k in self.sampled else none
-            nonlinear = tuple(one for one in closed if _differs(closed[one], first[one], total[one]))
+            first = self._row(self.indices.first, k) if k in self.sampled else no_index
+            total = self._row(self.indices.total, k) if k in self.sampled else no_index
+            nonlinear = tuple(name for name in closed if _differs(closed[name], first[name], total[name]))
             result.append(budget_result.Group(tuple(names[draw] for draw in group), closed, first, total, nonlinear))
         return tuple(result)
 
@@ -165,7 +165,7 @@ class SampledBudget:
         first = _by_quantity(self.indices.first_sum)
         variance = _by_quantity(self.indices.variance)
         return {
-            one: budget_result.Sums(closed.get(one), first[one], deviations.get(one), variance[one]) for one in SAMPLED
+            key: budget_result.Sums(closed.get(key), first[key], deviations.get(key), variance[key]) for key in SAMPLED
         }
 
     def _row(self, estimates: Estimates, group: int) -> dict[str, Estimate | None]:
@@ -238,25 +238,25 @@ def budget(
         >>> print(largest.name, round(largest.share["position"], 2))
         axis_install[joint1].A 0.25
     """
-    chosen, known = check_request(
+    pose_list, findings = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_points(samples)
     name, k = ("k", k) if bound_at is None else ("bound_at", bound_at)
     check_number(f"{name}, in standard deviations,", k, "positive and finite", lambda value: value > 0)
     _check_cost(error_model.space, samples)
-    with steps_to(progress, count_steps(error_model.space, len(chosen), samples), "robots") as step:
+    with steps_to(progress, count_steps(error_model.space, len(pose_list), samples), "robots") as step:
         lines = closed_form.source_lines(error_model)
-        found = tuple(_at_pose(error_model, lines, one, seed, samples, confidence, k, step) for one in chosen)
+        entries = tuple(_at_pose(error_model, lines, pose, seed, samples, confidence, k, step) for pose in pose_list)
     return budget_result.BudgetResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
         confidence=confidence,
         k=k,
         marked=MARKED,
-        poses=found,
-        findings=known,
-        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
+        poses=entries,
+        findings=findings,
+        warnings=list_warnings(findings, (line for entry in entries for line in entry.warnings)),
     )
 
 
@@ -292,9 +292,9 @@ def evaluations(space: Space, samples: int) -> int:
     return samples * (2 + 2 * groups + 1 + sum(random))
 
 
-def count_steps(space: Space, poses: int, samples: int, **others: object) -> int:
+def count_steps(space: Space, poses: int, samples: int, **options: object) -> int:
     """Return the number of progress steps of a budget."""
-    del others
+    del options
     return poses * evaluations(space, samples)
 
 
@@ -324,19 +324,19 @@ def _at_pose(
 ) -> budget_result.PoseBudget:
     try:
         with np.errstate(over="raise"):
-            at = error_model.at(pose)
-            variances = np.diag(at.covariance).copy()
+            model = error_model.at(pose)
+            variances = np.diag(model.covariance).copy()
     except (OverflowError, FloatingPointError):
         raise InputError(
             "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
         ) from None
-    shares, reach = closed_form.by_draw(at), closed_form.reaches(at, k)
-    sampled = SampledBudget(at, closed_form.correlated_groups(at.space), seed, samples, confidence, step)
-    halved = [sampled.halve(k) for k in range(len(at.space.draws))]
-    found = *at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at)
+    shares, reach = closed_form.by_draw(model), closed_form.reaches(model, k)
+    sampled = SampledBudget(model, closed_form.correlated_groups(model.space), seed, samples, confidence, step)
+    halved = [sampled.halve(k) for k in range(len(model.space.draws))]
+    findings = *model.findings("exact"), *error_model.statics_findings(model), *turnover_findings(model)
     return budget_result.PoseBudget(
-        pose=PoseLabel.of(error_model, pose, at),
-        nominal=tuple(map(float, at.tangent[0])),
+        pose=PoseLabel.of(error_model, pose, model),
+        nominal=tuple(map(float, model.tangent[0])),
         std=closed_form.deviations_of(variances),
         quantile=dict(zip(NORMS, sampled.quantiles, strict=True)),
         reach=dict(zip(closed_form.COMPONENTS, map(float, reach.sum(axis=0)), strict=True)),
@@ -344,29 +344,29 @@ def _at_pose(
             budget_result.DrawShare(
                 name=draw.name,
                 scope=draw.scope.value,
-                unbounded=not np.isfinite([draw.law.support(w) for w in at.jacobian[:, columns]]).all(),
+                unbounded=not np.isfinite([draw.law.support(w) for w in model.jacobian[:, columns]]).all(),
                 share=closed_form.shares_of(shares[k], variances),
-                components=closed_form.component_shares(at, k, variances),
+                components=closed_form.component_shares(model, k, variances),
                 reach=dict(zip(closed_form.COMPONENTS, reach[k].tolist(), strict=True)),
                 worst_case=closed_form.worst_case_shares(reach[k], reach.sum(axis=0)),
                 halved=halved[k],
                 words=error_model.draw_words[k],
                 tolerance=draw.tolerance,
             )
-            for k, (draw, columns) in enumerate(zip(at.space.draws, at.space.slices, strict=True))
+            for k, (draw, columns) in enumerate(zip(model.space.draws, model.space.slices, strict=True))
         ),
         groups=sampled.groups(shares, variances),
-        sources=closed_form.source_shares(at, lines, shares, variances),
+        sources=closed_form.source_shares(model, lines, shares, variances),
         places=tuple(
             budget_result.PlaceShare(name, closed_form.shares_of(part, variances))
-            for name, part in closed_form.by_place(at, error_model.chain).items()
+            for name, part in closed_form.by_place(model, error_model.chain).items()
         ),
         sums=sampled.sums(shares, variances),
-        warnings=tuple(map(str, (*found, *exact_findings_at(error_model, at)))),
+        warnings=tuple(map(str, (*findings, *exact_findings_at(error_model, model)))),
     )
 
 
-_BITS: Final = 30
+_BITS: Final = 30  # of each coordinate; half a unit of the last bit is added, so that no point is 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,13 +396,13 @@ def scrambled_points(dimension: int, seed: int, points: int, step: Callable[[], 
     # imported here, because it takes half a second and only this function needs it
     from scipy.stats import qmc
 
-    made = []
+    points_of_nets = []
     for k in range(REPLICATES):
         # seed is accepted by every scipy since 1.14; the newer keyword rng is not
         net = qmc.Sobol(dimension, scramble=True, bits=_BITS, seed=np.random.default_rng([seed, k]))
-        made.append(net.random(points))
+        points_of_nets.append(net.random(points))
         step()
-    result: Array = np.concatenate(made).T + 0.5**_BITS / 2
+    result: Array = np.concatenate(points_of_nets).T + 0.5**_BITS / 2
     return np.ascontiguousarray(result)
 
 
@@ -432,20 +432,20 @@ def sobol_indices(
         breaks: Uniform numbers at which the function has jumps or kinks, for each input.
     """
     at_a, at_b = _split(function(points)), _split(function(other_points))
-    together = np.eye(at_a.shape[0]) if outputs is None else outputs
+    combinations = np.eye(at_a.shape[0]) if outputs is None else outputs
     middle = (at_a.mean(axis=(1, 2)) + at_b.mean(axis=(1, 2)))[:, None, None] / 2
-    variances = together @ (((at_a - middle) ** 2 + (at_b - middle) ** 2).mean(axis=2) / 2)
-    shape = (len(groups), together.shape[0], REPLICATES)
+    variances = combinations @ (((at_a - middle) ** 2 + (at_b - middle) ** 2).mean(axis=2) / 2)
+    shape = (len(groups), combinations.shape[0], REPLICATES)
     firsts, totals = np.zeros(shape), np.zeros(shape)
     for k, rows in enumerate(groups):
         change = _split(function(_mix_points(points, other_points, rows))) - at_a
         change_back = at_b - _split(function(_mix_points(other_points, points, rows)))
-        firsts[k] = together @ (change * change_back).mean(axis=2) / 2
-        totals[k] = together @ (change**2 + change_back**2).mean(axis=2) / 4
+        firsts[k] = combinations @ (change * change_back).mean(axis=2) / 2
+        totals[k] = combinations @ (change**2 + change_back**2).mean(axis=2) / 4
 
-    variance = jackknife(lambda used: variances[:, used].mean(axis=1), confidence)
+    variance = jackknife(lambda is_used: variances[:, is_used].mean(axis=1), confidence)
     marginals, values = Marginals.of(len(points), at_a.shape[2], is_net=True, breaks=breaks).evaluate(function)
-    squares = together @ marginals.subtract_means(values) ** 2
+    squares = combinations @ marginals.subtract_means(values) ** 2
     resolved = marginals.resolve(variance, squares, variance.value, confidence)
     member = np.zeros((len(groups), len(points)))
     for k, rows in enumerate(groups):
@@ -454,15 +454,15 @@ def sobol_indices(
     def share(numerators: Array, members: Array) -> Estimates:
         """Return shares; ``members``, ``(…, d)``, is one for numbers that contribute to the numerator, otherwise zero."""
 
-        def statistic(used: NDArray[np.bool_]) -> Array:
-            below = variances[:, used].mean(axis=1)
-            below = np.where(below > smallest, below, np.nan)
-            return numerators[..., used].mean(axis=-1) / below
+        def statistic(is_used: NDArray[np.bool_]) -> Array:
+            denominator = variances[:, is_used].mean(axis=1)
+            denominator = np.where(denominator > smallest, denominator, np.nan)
+            return numerators[..., is_used].mean(axis=-1) / denominator
 
-        found = jackknife(statistic, confidence)
-        factors = np.moveaxis(members[..., None] - found.value[..., None, :], -2, 0)
+        indices = jackknife(statistic, confidence)
+        factors = np.moveaxis(members[..., None] - indices.value[..., None, :], -2, 0)
         contributions = squares / variance.value[:, None]
-        return marginals.resolve(found, contributions, np.ones(len(squares)), confidence, factors).where(
+        return marginals.resolve(indices, contributions, np.ones(len(squares)), confidence, factors).where(
             np.isfinite(resolved.value)
         )
 
@@ -486,8 +486,8 @@ def _split(values: Array) -> Array:
     return values.reshape(values.shape[0], REPLICATES, -1)
 
 
-_NEGLIGIBLE: Final = 1e-12
-_NEAR: Final = 0.02
+_NEGLIGIBLE: Final = 1e-12  # relative weight of an order statistic that is omitted: far below the sampling error
+_NEAR: Final = 0.02  # smallest weight on either side of a step that lies at the centre of the window
 
 
 @dataclass(frozen=True, eq=False)
@@ -522,60 +522,60 @@ class Quantiles:
 
 def quantiles(samples: Array, probability: float, confidence: float) -> Estimates:
     """Return a quantile of every row of ``(rows, REPLICATES · n)`` with its interval; NaN at jumps and gaps."""
-    return found_quantiles(samples, probability).estimates(confidence)
+    return weighted_quantiles(samples, probability).estimates(confidence)
 
 
 def quantile_changes(
     samples: Array, before: Array | Quantiles, probability: float, confidence: float, unseen: Array | float = 0.0
 ) -> tuple[Estimates, Estimates]:
-    """Return a quantile of every row, and its change from that of ``before`` with the same random numbers.
+    """Return a quantile of every row, and its change from the quantile of ``before`` with the same random numbers.
 
     ``samples`` are ``(rows, REPLICATES · n)``; ``before`` may also be computed quantiles. Intervals are widened by
     ``unseen``, ``(rows,)``, the possible change in regions without samples.
     """
-    after = found_quantiles(samples, probability)
-    change = after - (before if isinstance(before, Quantiles) else found_quantiles(before, probability))
-    return after.estimates(confidence, unseen), change.estimates(confidence, unseen)
+    new_quantiles = weighted_quantiles(samples, probability)
+    change = new_quantiles - (before if isinstance(before, Quantiles) else weighted_quantiles(before, probability))
+    return new_quantiles.estimates(confidence, unseen), change.estimates(confidence, unseen)
 
 
-def found_quantiles(samples: Array, probability: float) -> Quantiles:
+def weighted_quantiles(samples: Array, probability: float) -> Quantiles:
     """Return a quantile of every row with the data for its interval."""
     count = samples.shape[1]
     first, weights = _weights(count, probability)
     start, fewer = _weights(count - count // REPLICATES, probability)
-    below = np.cumsum(weights)[:-1]
-    pulls = np.minimum(below, 1 - below)
-    rows = [_of_one(values, first, weights, start, fewer) for values in samples]
-    near = np.array([row[2] for row in rows])
-    distances = np.diff(near, axis=1)
+    cumulative = np.cumsum(weights)[:-1]
+    pulls = np.minimum(cumulative, 1 - cumulative)
+    rows = [_row_quantile(values, first, weights, start, fewer) for values in samples]
+    window_values = np.array([row[2] for row in rows])
+    distances = np.diff(window_values, axis=1)
     # the distances of neighbours of a smooth law are exponentially distributed, with the median ln 2 times the mean
     centre = distances[:, pulls > _NEAR]
-    usual = np.median(centre, axis=1, keepdims=True) / math.log(2)
+    usual_distance = np.median(centre, axis=1, keepdims=True) / math.log(2)
     return Quantiles(
         np.array([row[0] for row in rows]),
         np.array([row[1] for row in rows]).T,
         distances * pulls,
         # ratio of a neighbour distance to the mean that counts as a jump; smooth laws exceed it six times in
         # a million
-        distances > 12.0 * usual,
+        distances > 12.0 * usual_distance,
     )
 
 
-def _of_one(values: Array, first: int, weights: Array, start: int, fewer: Array) -> tuple[float, Array, Array]:
+def _row_quantile(values: Array, first: int, weights: Array, start: int, fewer: Array) -> tuple[float, Array, Array]:
     """Return a quantile, its pseudo-values, and the order statistics that it averages."""
-    each = values.size // REPLICATES
+    size = values.size // REPLICATES
     order = np.argsort(values, kind="stable")
-    near = values[order[first : first + weights.size]]
-    whole = float(near @ weights)
-    replicate = order // each
+    window_values = values[order[first : first + weights.size]]
+    quantile = float(window_values @ weights)
+    replicate = order // size
     # the quantile without one replicate needs the ranks from start on, all of them within this window
-    ahead = np.bincount(replicate[:start], minlength=REPLICATES)
-    window = slice(start, start + fewer.size + each)
-    rising, of = values[order[window]], replicate[window]
+    counts = np.bincount(replicate[:start], minlength=REPLICATES)
+    window = slice(start, start + fewer.size + size)
+    sorted_values, replicates = values[order[window]], replicate[window]
     left_out = np.empty(REPLICATES)
     for k in range(REPLICATES):
-        left_out[k] = rising[of != k][ahead[k] : ahead[k] + fewer.size] @ fewer
-    return whole, whole + (REPLICATES - 1) * (whole - left_out), near
+        left_out[k] = sorted_values[replicates != k][counts[k] : counts[k] + fewer.size] @ fewer
+    return quantile, quantile + (REPLICATES - 1) * (quantile - left_out), window_values
 
 
 @lru_cache(maxsize=64)
@@ -583,6 +583,6 @@ def _weights(count: int, probability: float) -> tuple[int, Array]:
     """Return the rank, from 0, of the first order statistic with a relevant weight, and the weights from there on."""
     shape = (count + 1) * probability, (count + 1) * (1 - probability)
     weights = np.diff(special.betainc(*shape, np.linspace(0.0, 1.0, count + 1)))
-    kept = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
-    chosen: Array = weights[kept[0] : kept[-1] + 1]
-    return int(kept[0]), chosen / chosen.sum()
+    rows = np.flatnonzero(weights > _NEGLIGIBLE * weights.max())
+    result: Array = weights[rows[0] : rows[-1] + 1]
+    return int(rows[0]), result / result.sum()

@@ -234,10 +234,10 @@ def _draw_rows(pose: PoseBudget) -> _Rows:
     for draw in pose.draws:
         group = pose.group(draw.name)
         for quantity in (*VECTORS, *QUANTITIES):
-            alone = len(group.draws) == 1
+            is_alone = len(group.draws) == 1
             row = {"share": number(draw.share.get(quantity))}
-            row |= _estimate_columns("first", group.first.get(quantity) if alone else None)
-            row |= _estimate_columns("total", group.total.get(quantity) if alone else None)
+            row |= _estimate_columns("first", group.first.get(quantity) if is_alone else None)
+            row |= _estimate_columns("total", group.total.get(quantity) if is_alone else None)
             row["reach"] = number(draw.reach.get(quantity))
             row["worst_case"] = number(draw.worst_case.get(quantity))
             row["halved_std"] = number(draw.halved.std.get(quantity))
@@ -273,9 +273,9 @@ def scaled(estimate: Estimate | None, factor: float, decimals: int = 3, *, signe
     return plus_minus(factor * estimate.value, factor * estimate.half_width, decimals=decimals, signed=signed)
 
 
-def _pose_heading(pose: PoseBudget, marked: float) -> str:
+def _pose_heading(pose: PoseBudget, level: float) -> str:
     quantiles = "; ".join(
-        f"{100 * marked:g} % of {symbol} within {scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
+        f"{100 * level:g} % of {symbol} within {scaled(pose.quantile[f'{vector}.norm'], 1e3)} {unit}"
         for vector, symbol, unit in zip(VECTORS, ("|d|", "|δ|"), ("mm", "mrad"), strict=True)
     )
     return f"{name_pose(pose.pose)}; {quantiles}"

@@ -13,21 +13,21 @@ def rank_causes(causes: Sequence[Cause], budget: PoseBudget, vector: str) -> lis
     """Return the shares of the variance of a vector, the largest first."""
     lines = {line.name: line for line in budget.draws}
     groups = {name: group for group in budget.groups for name in group.draws}
-    found = [_share(cause, lines, groups, budget, vector) for cause in causes]
-    return sorted(found, key=lambda one: -round(one.rank, 9))
+    shares = [_share(cause, lines, groups, budget, vector) for cause in causes]
+    return sorted(shares, key=lambda share: -round(share.rank, 9))
 
 
 def _share(
     cause: Cause, lines: Mapping[str, DrawShare], groups: Mapping[str, Group], budget: PoseBudget, vector: str
 ) -> CauseShare:
-    of = [lines[name] for name in cause.names]
+    cause_lines = [lines[name] for name in cause.names]
     free = all(len(groups[name].draws) == 1 for name in cause.names)
-    shares = [line.share.get(vector) for line in of]
+    shares = [line.share.get(vector) for line in cause_lines]
     share = None if None in shares else math.fsum(value for value in shares if value is not None)
-    if len(of) == 1:
+    if len(cause_lines) == 1:
         group = groups[cause.names[0]]
         first, total = (group.first[vector], group.total[vector]) if free else (None, None)
-        return CauseShare(cause, share, of[0].halved.std.get(vector), first, total)
-    now = budget.sums[vector].std
-    halved = math.sqrt(max(0.0, 1 - 0.75 * share)) * now if free and share is not None and now is not None else None
+        return CauseShare(cause, share, cause_lines[0].halved.std.get(vector), first, total)
+    std = budget.sums[vector].std
+    halved = math.sqrt(max(0.0, 1 - 0.75 * share)) * std if free and share is not None and std is not None else None
     return CauseShare(cause, share, halved, None, None)

@@ -23,10 +23,10 @@ from precision_pin.render.html import Child, Html, beside, element, items, joine
 from precision_pin.render.tables import MISSING, milli, quantity_label, shown, unit
 from precision_pin.statistics.intervals import Estimate
 
-_NAMED: Final = 5
+_NAMED: Final = 5  # causes named in the picture's text alternative
 # causes with a smaller share of the variance are folded
 _NOTHING: Final = 1e-3
-_FEW: Final = 4
+_FEW: Final = 4  # small causes up to which none are folded
 
 
 def content(result: BudgetResult, results: Results) -> list[Child]:
@@ -34,14 +34,14 @@ def content(result: BudgetResult, results: Results) -> list[Child]:
     pose = result.poses[0]
     if not pose.draws:
         return [paragraph("Nothing varies, so there are no shares.")]
-    ranked = {vector: rank_causes(results.causes, pose, vector) for vector in VECTORS}
+    shares = {vector: rank_causes(results.causes, pose, vector) for vector in VECTORS}
     chart = inline_figure(
-        draw_bars(result, 0, {vector: [_bar(one) for one in ranked[vector]] for vector in VECTORS}),
+        draw_bars(result, 0, {vector: [_bar(share) for share in shares[vector]] for vector in VECTORS}),
         f"{results.prefix}budget",
-        f"Shares of the variance: {'; '.join(_largest(ranked[vector], vector) for vector in VECTORS)}",
+        f"Shares of the variance: {'; '.join(_list_largest(shares[vector], vector) for vector in VECTORS)}",
         "Share of the variance of each tolerance, to first order; diamonds are the total Sobol index of the exact model.",
     )
-    tables = [_causes(pose, ranked[vector], vector, result.marked) for vector in VECTORS]
+    tables = [_causes(pose, shares[vector], vector, result.marked) for vector in VECTORS]
     explained = paragraph(
         "Share: of the variance, to first order, in closed form. S1 and ST: first-order and total Sobol index of the exact "
         f"model from {result.samples:,} points a set, seed {result.provenance.seed}, behind ± half of the interval at "
@@ -51,26 +51,26 @@ def content(result: BudgetResult, results: Results) -> list[Child]:
     return [chart, *tables, explained, beside(*_shares(pose))]
 
 
-def _bar(one: CauseShare) -> Bar:
-    return Bar(one.cause.words, one.cause.tolerance, one.share, one.total)
+def _bar(share: CauseShare) -> Bar:
+    return Bar(share.cause.words, share.cause.tolerance, share.share, share.total)
 
 
-def _largest(ranked: Sequence[CauseShare], vector: str) -> str:
-    named = (f"{one.cause.text} {percent(one.share)} %" for one in ranked[:_NAMED])
-    return f"of the {vector} error " + ", ".join(named)
+def _list_largest(shares: Sequence[CauseShare], vector: str) -> str:
+    texts = (f"{share.cause.text} {percent(share.share)} %" for share in shares[:_NAMED])
+    return f"of the {vector} error " + ", ".join(texts)
 
 
-def _causes(pose: PoseBudget, ranked: Sequence[CauseShare], vector: str, marked: float) -> Html:
+def _causes(pose: PoseBudget, shares: Sequence[CauseShare], vector: str, level: float) -> Html:
     norm = f"{vector}.norm"
     header = [
         *("cause", "tolerance", "drawn per", "share %", "S1 %", "ST %", f"halved: std [{unit(norm)}]"),
-        f"change of {100 * marked:g} % of {quantity_label(norm)}",
+        f"change of {100 * level:g} % of {quantity_label(norm)}",
     ]
-    large = [one for one in ranked if one.rank >= _NOTHING]
-    small = [one for one in ranked if one.rank < _NOTHING]
+    large = [share for share in shares if share.rank >= _NOTHING]
+    small = [share for share in shares if share.rank < _NOTHING]
     if len(small) <= _FEW:
         large, small = [*large, *small], []
-    rows = [_row(pose, one, vector) for one in large]
+    rows = [_row(pose, share, vector) for share in large]
     empty: list[Child] = [""] * (len(header) - 4)
     if small:
         rows.append([f"{len(small)} more, below", "", "", percent(_sum(small)), *empty])
@@ -82,23 +82,23 @@ def _causes(pose: PoseBudget, ranked: Sequence[CauseShare], vector: str, marked:
             )
     sums = pose.sums[vector]
     rows.append(["sum", "", "", percent(sums.closed), shown(scaled(sums.first, 100, 2)), *empty[1:]])
-    now = f"std {milli(pose.std[vector], 5)} {unit(norm)} now"
-    whole = table(f"Causes of the {vector} error ({now})", header, rows, words=(1, 2), last=True)
+    heading = f"std {milli(pose.std[vector], 5)} {unit(norm)} now"
+    main_table = table(f"Causes of the {vector} error ({heading})", header, rows, words=(1, 2), last=True)
     if not small:
-        return whole
+        return main_table
     total = f"{len(small)} more causes of less than {100 * _NOTHING:g} % each"
-    folded = table(f"{total}, {vector} error", header, [_row(pose, one, vector) for one in small], words=(1, 2))
-    return joined([whole, element("details", element("summary", total), folded)])
+    other_rows = table(f"{total}, {vector} error", header, [_row(pose, share, vector) for share in small], words=(1, 2))
+    return joined([main_table, element("details", element("summary", total), other_rows)])
 
 
-def _row(pose: PoseBudget, one: CauseShare, vector: str) -> list[Child]:
+def _row(pose: PoseBudget, entry: CauseShare, vector: str) -> list[Child]:
     change = MISSING
-    if len(one.cause.parts) == 1:
-        found = pose.draw(one.cause.names[0]).halved.change[f"{vector}.norm"]
-        change = shown(scaled(found, 1e3))
-    cause = one.cause
-    shares = [percent(one.share), *(shown(scaled(index, 100, 2)) for index in (one.first, one.total))]
-    return [_name(cause, pose, vector), cause.tolerance, cause.scope, *shares, shown(milli(one.halved, 5)), change]
+    if len(entry.cause.parts) == 1:
+        change_of_norm = pose.draw(entry.cause.names[0]).halved.change[f"{vector}.norm"]
+        change = shown(scaled(change_of_norm, 1e3))
+    cause = entry.cause
+    shares = [percent(entry.share), *(shown(scaled(index, 100, 2)) for index in (entry.first, entry.total))]
+    return [_name(cause, pose, vector), cause.tolerance, cause.scope, *shares, shown(milli(entry.halved, 5)), change]
 
 
 def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:
@@ -113,40 +113,40 @@ def _name(cause: Cause, pose: PoseBudget, vector: str) -> Child:
     return element("details", element("summary", cause.words), items(lines, "parts"))
 
 
-def _sum(small: Sequence[CauseShare]) -> float | None:
-    shares = [one.share for one in small]
-    return None if None in shares else math.fsum(share for share in shares if share is not None)
+def _sum(shares: Sequence[CauseShare]) -> float | None:
+    values = [line.share for line in shares]
+    return None if None in values else math.fsum(value for value in values if value is not None)
 
 
 def _shares(pose: PoseBudget) -> list[Html]:
     sources = [(source_name(line), line.share) for line in pose.sources]
     places = [(place.name, place.share) for place in pose.places]
-    named = "Sources: shares of the variance; a draw that several sources name has its own line"
-    placed = "Joints and links: shares of the variance, negative where one cancels the effect of another's same number"
-    return [_ranked(named, "source", sources), _ranked(placed, "joint or link", places)]
+    by_source = "Sources: shares of the variance; a draw that several sources name has its own line"
+    caption = "Joints and links: shares of the variance, negative where one cancels the effect of another's same number"
+    return [_fold_lines(by_source, "source", sources), _fold_lines(caption, "joint or link", places)]
 
 
-def _ranked(caption: str, heading: str, lines: Iterable[tuple[str, Shares]]) -> Html:
+def _fold_lines(caption: str, heading: str, lines: Iterable[tuple[str, Shares]]) -> Html:
     def size(line: tuple[str, Shares]) -> float:
         return max(abs(line[1][vector] or 0.0) for vector in VECTORS)
 
     largest = sorted(lines, key=lambda line: max(line[1][vector] or 0.0 for vector in VECTORS), reverse=True)
-    small = [line for line in largest if size(line) < _NOTHING]
-    large = [line for line in largest if size(line) >= _NOTHING] if len(small) > _FEW else largest
+    small_lines = [line for line in largest if size(line) < _NOTHING]
+    large_lines = [line for line in largest if size(line) >= _NOTHING] if len(small_lines) > _FEW else largest
     header = [heading, *(f"{vector} %" for vector in VECTORS)]
 
-    def rows(some: Iterable[tuple[str, Shares]]) -> list[list[Child]]:
-        return [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in some]
+    def rows(part: Iterable[tuple[str, Shares]]) -> list[list[Child]]:
+        return [[name, *(percent(share[vector]) for vector in VECTORS)] for name, share in part]
 
-    whole = table(caption, header, rows(large))
-    if len(large) == len(largest):
-        return whole
-    said = f"{len(small)} more with less than {100 * _NOTHING:g} % each"
-    folded = element("details", element("summary", said), table(f"{said}: {heading}", header, rows(small)))
-    return element("div", whole, folded)
+    main_table = table(caption, header, rows(large_lines))
+    if len(large_lines) == len(largest):
+        return main_table
+    text = f"{len(small_lines)} more with less than {100 * _NOTHING:g} % each"
+    other_table = element("details", element("summary", text), table(f"{text}: {heading}", header, rows(small_lines)))
+    return element("div", main_table, other_table)
 
 
-MOST_BARS: Final = 12
+MOST_BARS: Final = 12  # of a panel; its title gives number and share of the others
 
 
 @dataclass(frozen=True)
@@ -181,8 +181,8 @@ def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]
     """Return given bars of position and attitude, by vector and largest first, 174 mm wide."""
     rows = max(1, min(MOST_BARS, max(map(len, bars.values()), default=1)))
     with style():
-        made = new_figure(DOUBLE_COLUMN)
-        panels = made.subplots(2, 1)
+        figure = new_figure(DOUBLE_COLUMN)
+        panels = figure.subplots(2, 1)
         for axes, vector in zip(panels, VECTORS, strict=True):
             _draw(axes, bars[vector], vector)
         lines = [
@@ -190,27 +190,27 @@ def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]
             f"N = {result.samples:,} points, seed {result.provenance.seed}, exact model; whiskers: intervals at "
             f"{100 * result.confidence:g} % confidence",
         ]
-        end_figure(made, panels[:1], [_shown(line) for line in lines], 42 + 2 * 6.0 * rows)
-    return made
+        end_figure(figure, panels[:1], [_glyphs(line) for line in lines], 42 + 2 * 6.0 * rows)
+    return figure
 
 
 def _bars(pose: PoseBudget, vector: str) -> list[Bar]:
-    found = []
+    bars = []
     for group in pose.groups:
         draws = [pose.draw(name) for name in group.draws]
         tolerance = draws[0].tolerance if len(draws) == 1 else ""
         name = " + ".join(draw.words for draw in draws)
-        found.append(Bar(name, tolerance, group.share[vector], group.total[vector]))
-    return sorted(found, key=lambda bar: -round(bar.length, 9))
+        bars.append(Bar(name, tolerance, group.share[vector], group.total[vector]))
+    return sorted(bars, key=lambda bar: -round(bar.length, 9))
 
 
 def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
-    shown, hidden = bars[:MOST_BARS], bars[MOST_BARS:]
-    lengths = [100 * bar.length for bar in shown]
+    shown_bars, hidden_bars = bars[:MOST_BARS], bars[MOST_BARS:]
+    lengths = [100 * bar.length for bar in shown_bars]
     axes.barh(
-        range(len(shown)), lengths, height=0.62, color=SKY, label="share of the variance, first order", linewidth=0
+        range(len(shown_bars)), lengths, height=0.62, color=SKY, label="share of the variance, first order", linewidth=0
     )
-    totals = [(row, bar.total) for row, bar in enumerate(shown) if bar.total is not None]
+    totals = [(row, bar.total) for row, bar in enumerate(shown_bars) if bar.total is not None]
     axes.errorbar(
         [100 * total.value for _, total in totals],
         [row for row, _ in totals],
@@ -227,24 +227,24 @@ def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
         capthick=0.6,
         label="total Sobol index, exact model",
     )
-    ends = dict.fromkeys(range(len(shown)), 0.0)
+    right_ends = dict.fromkeys(range(len(shown_bars)), 0.0)
     for row, total in totals:
-        ends[row] = 100 * (total.value + total.half_width)
-    longest = max([*lengths, *ends.values(), 1e-9])
-    for row, bar in enumerate(shown):
+        right_ends[row] = 100 * (total.value + total.half_width)
+    longest = max([*lengths, *right_ends.values(), 1e-9])
+    for row, bar in enumerate(shown_bars):
         text = "  ".join(part for part in (f"{lengths[row]:.3g} %", bar.tolerance) if part)
-        axes.text(max(lengths[row], ends[row]) + 0.012 * longest, row, _shown(text), va="center", fontsize=7)
-    axes.set_yticks(range(len(shown)), [shortened(_shown(bar.name), 48) for bar in shown])
+        axes.text(max(lengths[row], right_ends[row]) + 0.012 * longest, row, _glyphs(text), va="center", fontsize=7)
+    axes.set_yticks(range(len(shown_bars)), [shortened(_glyphs(bar.name), 48) for bar in shown_bars])
     axes.tick_params(axis="y", length=0)
-    axes.set_ylim(max(len(shown), 1) - 0.4, -0.6)
+    axes.set_ylim(max(len(shown_bars), 1) - 0.4, -0.6)
     axes.set_xlim(min(0.0, *lengths, 0.0), 1.4 * longest)
-    if hidden:
-        together = f"{100 * sum(bar.length for bar in hidden):.2g} % together"
-        axes.set_title(f"{len(hidden)} smaller ones, {together}, are not shown", fontsize=7, loc="right")
+    if hidden_bars:
+        total_share = f"{100 * sum(bar.length for bar in hidden_bars):.2g} % together"
+        axes.set_title(f"{len(hidden_bars)} smaller ones, {total_share}, are not shown", fontsize=7, loc="right")
     axes.set_xlabel(f"share of the variance of the {vector} error [%]")
 
 
-def _shown(name: str) -> str:
+def _glyphs(name: str) -> str:
     """Return a name with a box for each character that the figures' font lacks."""
-    known = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()
-    return "".join(character if ord(character) in known else "□" for character in name)
+    charmap = get_font(findfont(FontProperties(family="DejaVu Sans"))).get_charmap()
+    return "".join(character if ord(character) in charmap else "□" for character in name)

@@ -15,7 +15,7 @@ from precision_pin.base.errors import shortened
 from precision_pin.render.tables import percent, plus_minus, symbol, unit
 from precision_pin.render.text_table import aligned
 
-MOST_OF_NAME: Final = 40
+MOST_OF_NAME: Final = 40  # letters of a name in a table row
 
 
 def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: bool = False) -> str:
@@ -30,14 +30,14 @@ def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: boo
     """
     quantities = check_quantities(quantities or VECTORS)
     lines = [*_answer(result, quantities), ""]
-    most = sys.maxsize if is_whole else 10
+    rows = sys.maxsize if is_whole else 10
     for pose in result.poses:
         lines += _heads(result, pose)
         for quantity in quantities:
-            lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity, most))]
+            lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity, rows))]
         shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
-        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources), most))]
-        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places), most))]
+        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources), rows))]
+        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places), rows))]
         lines += ["", *_notes(result, pose, quantities), ""]
     return "\n".join(lines).rstrip()
 
@@ -46,25 +46,25 @@ def _answer(result: BudgetResult, quantities: Sequence[str]) -> list[str]:
     """Return for each quantity which tolerance causes most of its spread, at the worst pose."""
     lines = []
     for quantity in quantities:
-        said, sizes = [], []
+        phrases, sizes = [], []
         for pose in result.poses:
             largest = next(iter(ranked(pose, quantity)), None)
             share = None if largest is None else largest.share.get(quantity)
-            what = "no tolerance causes a spread"
+            phrase = "no tolerance causes a spread"
             if largest is not None and share:
                 width = f", {largest.tolerance}," if largest.tolerance else ""
-                what = f"{shortened(largest.name, MOST_OF_NAME)}{width} causes {100 * share:.3g} % of the variance"
-            said.append(f"{quantity}: {what}")
+                phrase = f"{shortened(largest.name, MOST_OF_NAME)}{width} causes {100 * share:.3g} % of the variance"
+            phrases.append(f"{quantity}: {phrase}")
             sizes.append(pose.sums[quantity].std or 0.0)
-        lines.append(answer_of([pose.pose for pose in result.poses], sizes, said))
+        lines.append(answer_of([pose.pose for pose in result.poses], sizes, phrases))
     return lines
 
 
 def _heads(result: BudgetResult, pose: PoseBudget) -> list[str]:
-    of = result.provenance
+    run = result.provenance
     return [
-        subject(of, pose.pose),
-        f"exact model at {result.samples:,} points a set, seed {of.seed}, statics {of.statics}; base axes; "
+        subject(run, pose.pose),
+        f"exact model at {result.samples:,} points a set, seed {run.seed}, statics {run.statics}; base axes; "
         f"± half of an interval at {100 * result.confidence:g} % confidence",
         "share: of the variance, closed form, first order; ST: total Sobol index of the exact model; halved: change of the "
         f"{100 * result.marked:g} % quantile of the norm if this tolerance alone is halved",
@@ -91,7 +91,7 @@ def _headline(result: BudgetResult, pose: PoseBudget, quantity: str) -> str:
     return f"{quantity}: {'; '.join(parts)}"
 
 
-def _draw_rows(pose: PoseBudget, quantity: str, most: int) -> list[list[str]]:
+def _draw_rows(pose: PoseBudget, quantity: str, count: int) -> list[list[str]]:
     """Return rows of the draws, largest first, then of the rest together, of correlated groups, and the sum."""
     norm = f"{quantity.partition('.')[0]}.norm"
     component = quantity not in (*VECTORS, norm)
@@ -103,18 +103,18 @@ def _draw_rows(pose: PoseBudget, quantity: str, most: int) -> list[list[str]]:
         return scaled(group.total[quantity], 100) + "*" * (quantity in group.nonlinear)
 
     draws = ranked(pose, quantity)
-    for draw in draws[:most]:
+    for draw in draws[:count]:
         group = pose.group(draw.name)
         further = [scaled(draw.halved.change.get(norm), 1e3, signed=True)]
         if component:
             further = [percent(draw.worst_case.get(quantity)), f"{1e3 * draw.halved.std[quantity]:.5g}"]
-        alone = total(group) if len(group.draws) == 1 else "-"
+        total_index = total(group) if len(group.draws) == 1 else "-"
         name = shortened(draw.name, MOST_OF_NAME)
-        rows.append([name, draw.tolerance, percent(draw.share.get(quantity)), alone, *further])
-    if len(draws) > most:
-        rest = [draw.share.get(quantity) for draw in draws[most:]]
-        together = None if None in rest else math.fsum(share for share in rest if share is not None)
-        rows.append([f"and {len(rest)} more: --all", "", percent(together), "", *empty])
+        rows.append([name, draw.tolerance, percent(draw.share.get(quantity)), total_index, *further])
+    if len(draws) > count:
+        rest_shares = [draw.share.get(quantity) for draw in draws[count:]]
+        rest_share = None if None in rest_shares else math.fsum(share for share in rest_shares if share is not None)
+        rows.append([f"and {len(rest_shares)} more: --all", "", percent(rest_share), "", *empty])
     for group in pose.groups:
         if len(group.draws) > 1:
             name = f"correlated: {' + '.join(group.draws)}"
@@ -134,13 +134,13 @@ def ranked(pose: PoseBudget, quantity: str) -> list[DrawShare]:
 
 
 def _share_rows(
-    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Shares]], most: int
+    heading: str, quantities: Sequence[str], lines: Iterable[tuple[str, Shares]], count: int
 ) -> list[list[str]]:
     sorted_lines = sorted(lines, key=lambda line: line[1][quantities[0]] or 0.0, reverse=True)
     rows = [[heading, "", *(f"{quantity} %" for quantity in quantities)]]
-    rows += [[name, "", *(percent(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:most]]
-    if len(sorted_lines) > most:
-        rows.append([f"and {len(sorted_lines) - most} more: --all", "", *("" for _ in quantities)])
+    rows += [[name, "", *(percent(share[quantity]) for quantity in quantities)] for name, share in sorted_lines[:count]]
+    if len(sorted_lines) > count:
+        rows.append([f"and {len(sorted_lines) - count} more: --all", "", *("" for _ in quantities)])
     return rows
 
 
@@ -166,5 +166,5 @@ def _notes(result: BudgetResult, pose: PoseBudget, quantities: Sequence[str]) ->
 
 
 def _first_order(pose: PoseBudget, quantity: str) -> str:
-    found = scaled(pose.sums[quantity].first, 100)
-    return f"{quantity} sum to {found} %" if found != "-" else f"{quantity} not resolved"
+    total = scaled(pose.sums[quantity].first, 100)
+    return f"{quantity} sum to {total} %" if total != "-" else f"{quantity} not resolved"

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from precision_pin.analyses.declaration import DECIDE, SAMPLING, Asked, Declaration, Job, Option, WrongUsageError
 
-_MOST_POSES: Final = 50
+_MOST_POSES: Final = 50  # every sheet is sampled at each of them
 
 
 def name_sheets(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -15,34 +15,34 @@ def name_sheets(options: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     from precision_pin.analyses.compare.compare import MOST_MODELS
     from precision_pin.robot.examples import PAPER_SHEET
 
-    given = options["sheets"]
-    if len(given) < 2 and not options["changes"]:
+    sheets = options["sheets"]
+    if len(sheets) < 2 and not options["changes"]:
         raise WrongUsageError("two sheets are needed, A.yaml B.yaml; or one and what --set changes in it")
-    if len(given) > MOST_MODELS:
-        raise WrongUsageError(f"{len(given)} sheets; at most {MOST_MODELS} can be compared")
-    if len(given) < 2:
-        name = Path(given[0]).name if given else PAPER_SHEET.name
-        return {name: {"inputs": given, "changes": ()}, f"{name} --set": {"inputs": given}}
-    names = [Path(text).name for text in given]
-    names = names if len(set(names)) == len(names) else list(given)
+    if len(sheets) > MOST_MODELS:
+        raise WrongUsageError(f"{len(sheets)} sheets; at most {MOST_MODELS} can be compared")
+    if len(sheets) < 2:
+        name = Path(sheets[0]).name if sheets else PAPER_SHEET.name
+        return {name: {"inputs": sheets, "changes": ()}, f"{name} --set": {"inputs": sheets}}
+    names = [Path(text).name for text in sheets]
+    names = names if len(set(names)) == len(names) else list(sheets)
     if len(set(names)) < len(names):
         raise WrongUsageError(f"{next(name for name in names if names.count(name) > 1)} is given twice")
-    return {name: {"inputs": (text,)} for name, text in zip(names, given, strict=True)}
+    return {name: {"inputs": (text,)} for name, text in zip(names, sheets, strict=True)}
 
 
-def prepare(asked: Asked) -> Job:
+def prepare(request: Asked) -> Job:
     """Return the comparison of the sheets of a command line."""
     from precision_pin.analyses.compare.compare import compare, count_steps
     from precision_pin.model.error_model import ErrorModel
 
-    options = asked.options
-    read = asked.read_poses(_MOST_POSES)
-    poses = [pose.where for pose in read]
-    models = {name: ErrorModel.from_sheet(read.noted_in(sheet)) for name, sheet in asked.sheets.items()}
+    options = request.options
+    sheet_poses = request.read_poses(_MOST_POSES)
+    poses = [pose.where for pose in sheet_poses]
+    models = {name: ErrorModel.from_sheet(sheet_poses.noted_in(sheet)) for name, sheet in request.sheets.items()}
     run = partial(
         compare, models, poses, samples=options["samples"], seed=options["seed"], model=options["model"],
         specifications=options["specs"],
-        findings=tuple(dict.fromkeys(finding for sheet in asked.sheets.values() for finding in sheet.findings)),
+        findings=tuple(dict.fromkeys(finding for sheet in request.sheets.values() for finding in sheet.findings)),
     )  # fmt: skip
     return Job(
         run,

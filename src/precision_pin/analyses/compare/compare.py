@@ -76,11 +76,11 @@ def mean_difference(first: Array, other: Array, confidence: float, skewness: flo
     """
     gap = other - first
     value = float(gap.mean())
-    around = gap - value
+    deviations = gap - value
     ones = np.ones(gap.size, dtype=np.int64)
-    moments = Moments(around, ones, float((around**2).mean()), gap.size, confidence, (skewness, math.nan))
-    ends = moments.mean_interval
-    return Difference(value, None if ends is None else (value + ends[0], value + ends[1]))
+    moments = Moments(deviations, ones, float((deviations**2).mean()), gap.size, confidence, (skewness, math.nan))
+    interval = moments.mean_interval
+    return Difference(value, None if interval is None else (value + interval[0], value + interval[1]))
 
 
 def quantile_difference(first: Array, other: Array, probability: float, confidence: float) -> Difference:
@@ -97,16 +97,16 @@ def quantile_difference(first: Array, other: Array, probability: float, confiden
     ranks = quantile_ranks(first.size, probability, 1 - 0.2 * error)
     if ranks is None:
         return Difference(value, None)
-    ordered, order = np.sort(first), np.argsort(other, kind="stable")
+    sorted_first, order = np.sort(first), np.argsort(other, kind="stable")
     low, high = ranks[0] - 1, ranks[1] - 1
-    cells = np.unique(ordered[np.unique(np.linspace(low, high, min(_CELLS, high - low + 1)).astype(int))]).tolist()
+    cells = np.unique(sorted_first[np.unique(np.linspace(low, high, min(_CELLS, high - low + 1)).astype(int))]).tolist()
     pairs, part = _Pairs(first[order], other[order]), 0.4 * error
-    near = pairs.between(cells[0], cells[-1], pairs.least(cells[0], part), pairs.most(cells[-1], part))
-    ends = [(near.least(a, part), near.most(a, part)) for a in cells]
+    near_pairs = pairs.between(cells[0], cells[-1], pairs.least(cells[0], part), pairs.most(cells[-1], part))
+    rank_bounds = [(near_pairs.least(a, part), near_pairs.most(a, part)) for a in cells]
     # between two of these values of q₁ the lower end is at least that at the first, the upper end at most that at the
     # second
-    lower = min(below - a for (below, _), a in zip(ends, [*cells[1:], cells[-1]], strict=True))
-    upper = max(above - a for (_, above), a in zip(ends, [cells[0], *cells[:-1]], strict=True))
+    lower = min(below - a for (below, _), a in zip(rank_bounds, [*cells[1:], cells[-1]], strict=True))
+    upper = max(above - a for (_, above), a in zip(rank_bounds, [cells[0], *cells[:-1]], strict=True))
     if not math.isfinite(lower) or not math.isfinite(upper):
         return Difference(value, None)
     return Difference(value, (min(float(lower), value), max(float(upper), value)))
@@ -123,33 +123,33 @@ class _Pairs:
     def between(self, low: float, high: float, lowest: float, highest: float) -> _Pairs:
         """Return the pairs that are not outside both ranges on the same side, where neither count includes them."""
         first, second = self._first, self._second
-        kept = ~((first < low) & (second < lowest)) & ~((first > high) & (second > highest))
-        return _Pairs(first[kept], second[kept])
+        is_kept = ~((first < low) & (second < lowest)) & ~((first > high) & (second > highest))
+        return _Pairs(first[is_kept], second[is_kept])
 
     def least(self, a: float, error: float) -> float:
         """Return the largest second value shown to be at most q₂ if q₁ is a; -inf if there is none."""
-        less = [0, *np.cumsum(self._first < a).tolist()]
+        less_counts = [0, *np.cumsum(self._first < a).tolist()]
 
         def not_shown(rank: int) -> bool:
-            below = self._below[rank]
-            return not _contradicted(less[-1] - less[below], below - less[below], error)
+            index = self._below[rank]
+            return not _is_contradicted(less_counts[-1] - less_counts[index], index - less_counts[index], error)
 
         rank = bisect_left(range(len(self._values)), True, key=not_shown)
         return self._values[rank - 1] if rank else -math.inf
 
     def most(self, a: float, error: float) -> float:
         """Return the smallest second value shown to be at least q₂ if q₁ is a; inf if there is none."""
-        more, count = [0, *np.cumsum(self._first > a).tolist()], len(self._values)
+        more_counts, count = [0, *np.cumsum(self._first > a).tolist()], len(self._values)
 
         def shown(rank: int) -> bool:
-            below = self._up_to[rank]
-            return _contradicted(more[below], count - below - (more[-1] - more[below]), error)
+            index = self._up_to[rank]
+            return _is_contradicted(more_counts[index], count - index - (more_counts[-1] - more_counts[index]), error)
 
         rank = bisect_left(range(count), True, key=shown)
         return self._values[rank] if rank < count else math.inf
 
 
-def _contradicted(count: int, against: int, error: float) -> bool:
+def _is_contradicted(count: int, against: int, error: float) -> bool:
     """Return whether the sign test rejects that the second kind is at least as probable as the first."""
     return count > against and float(betainc(count, against + 1, 0.5)) <= error
 
@@ -161,17 +161,17 @@ def share_difference(first: NDArray[np.bool_], other: NDArray[np.bool_], confide
     change, too short where a few robots all change the same way; and Zou and Donner (2008), from the Clopper-Pearson
     intervals of both kinds, too short where many change.
     """
-    gained, lost = int((other & ~first).sum()), int((first & ~other).sum())
+    gain_count, loss_count = int((other & ~first).sum()), int((first & ~other).sum())
     count = first.size
-    up, down = (gained + 1) / (count + 2), (lost + 1) / (count + 2)
-    half = float(lazy_special.ndtri(0.5 + confidence / 2)) * math.sqrt((up + down - (up - down) ** 2) / (count + 2))
-    value = (gained - lost) / count
-    (gained_low, gained_high), (lost_low, lost_high) = (
-        (abs(changed / count - end) for end in clopper_pearson(changed, count, confidence))
-        for changed in (gained, lost)
+    gain, loss = (gain_count + 1) / (count + 2), (loss_count + 1) / (count + 2)
+    half = float(lazy_special.ndtri(0.5 + confidence / 2)) * math.sqrt((gain + loss - (gain - loss) ** 2) / (count + 2))
+    value = (gain_count - loss_count) / count
+    (gain_low, gain_high), (loss_low, loss_high) = (
+        (abs(changes / count - bound) for bound in clopper_pearson(changes, count, confidence))
+        for changes in (gain_count, loss_count)
     )
-    low = min(up - down - half, value - math.hypot(gained_low, lost_high))
-    high = max(up - down + half, value + math.hypot(gained_high, lost_low))
+    low = min(gain - loss - half, value - math.hypot(gain_low, loss_high))
+    high = max(gain - loss + half, value + math.hypot(gain_high, loss_low))
     return Difference(value, (max(low, -1.0), min(high, 1.0)))
 
 
@@ -279,7 +279,7 @@ class ComparisonResult(Outcome):
     def sheets(self) -> dict[str, Any]:
         """Differences of the sheets, as in the JSON."""
         return {
-            name: [{"path": one.path, "before": one.before, "after": one.after} for one in changes]
+            name: [{"path": change.path, "before": change.before, "after": change.after} for change in changes]
             for name, changes in zip(self.names[1:], self.sheet_differences, strict=True)
         }
 
@@ -307,9 +307,9 @@ def _within(law: MonteCarloResult) -> float:
 
 
 def _law(law: MonteCarloResult) -> dict[str, Any]:
-    whole = law.to_dict()
-    kept = ("nominal", *(name.partition(".")[0] for name in QUANTITIES), "spec")
-    return {key: whole[key] for key in dict.fromkeys(kept) if key in whole}
+    entries = law.to_dict()
+    keys = ("nominal", *(name.partition(".")[0] for name in QUANTITIES), "spec")
+    return {key: entries[key] for key in dict.fromkeys(keys) if key in entries}
 
 
 SAMPLES: Final = 100_000
@@ -362,58 +362,58 @@ def compare(
         >>> print(result.met("now"), result.met("finer"))
         False True
     """
-    named = _named(models)
+    model_of = _name_models(models)
     check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     check_seed(seed)
     check_confidence(confidence)
     check_progress(progress)
-    listed = listed_specifications(specifications)
-    known = check_items("findings", findings, Finding)
-    first = next(iter(named.values()))
-    given = listed_poses(poses)
-    check_memory(8.0 * 20 * len(named) * samples, f"comparing {samples:,} robots", "compare fewer of them")
-    compared = []
+    limits = listed_specifications(specifications)
+    findings = check_items("findings", findings, Finding)
+    first = next(iter(model_of.values()))
+    chosen_poses = listed_poses(poses)
+    check_memory(8.0 * 20 * len(model_of) * samples, f"comparing {samples:,} robots", "compare fewer of them")
+    comparisons = []
     sample = partial(
-        monte_carlo, samples=samples, seed=seed, model=model, specifications=listed, confidence=confidence,
+        monte_carlo, samples=samples, seed=seed, model=model, specifications=limits, confidence=confidence,
         keep_samples=True, threads=threads,
     )  # fmt: skip
-    with steps_to(progress, count_steps(len(named), len(given), samples)) as step:
-        for pose in given:
+    with steps_to(progress, count_steps(len(model_of), len(chosen_poses), samples)) as step:
+        for pose in chosen_poses:
             q = first.configuration(pose)
-            laws = [sample(one, q, progress=step) for one in named.values()]
+            laws = [sample(error_model, q, progress=step) for error_model in model_of.values()]
             pairs = tuple(
-                _paired(laws[0], law, confidence, _skewness(first.at(q), other.at(q)))
-                for law, other in zip(laws[1:], list(named.values())[1:], strict=True)
+                _pair(laws[0], law, confidence, _skewness(first.at(q), other.at(q)))
+                for law, other in zip(laws[1:], list(model_of.values())[1:], strict=True)
             )
-            compared.append(
+            comparisons.append(
                 PoseComparison(
                     label=PoseLabel.of(first, pose, first.at(q)),
                     laws=tuple(replace(law, errors=None) for law in laws),
                     differences=pairs,
-                    variances=tuple(_variances(one, q) for one in named.values()),
+                    variances=tuple(_variances(error_model, q) for error_model in model_of.values()),
                 )
             )
-    sheets = [one.sheet for one in named.values()]
+    sheets = [error_model.sheet for error_model in model_of.values()]
     changes = tuple(
         () if sheets[0] is None or other is None else sheet_differences(sheets[0], other) for other in sheets[1:]
     )
-    warned = [
+    warning_lines = [
         f"{name}: {line}"
-        for of_pose in compared
-        for name, law in zip(named, of_pose.laws, strict=True)
+        for of_pose in comparisons
+        for name, law in zip(model_of, of_pose.laws, strict=True)
         for line in law.warnings
     ]
     return ComparisonResult(
         provenance=Provenance.of(first, seed),
-        names=tuple(named),
+        names=tuple(model_of),
         samples=int(samples),
         model=model,
         confidence=confidence,
-        poses=tuple(compared),
+        poses=tuple(comparisons),
         sheet_differences=changes,
-        specifications=listed,
-        findings=known,
-        warnings=tuple(dict.fromkeys((*map(str, known), *warned))),
+        specifications=limits,
+        findings=findings,
+        warnings=tuple(dict.fromkeys((*map(str, findings), *warning_lines))),
     )
 
 
@@ -422,43 +422,43 @@ def count_steps(models: int, poses: int, samples: int) -> int:
     return models * poses * samples
 
 
-def _named(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dict[str, ErrorModel]:
+def _name_models(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dict[str, ErrorModel]:
     if isinstance(models, Mapping):
-        named = dict(models)
+        model_of = dict(models)
     else:
-        listed = check_items("the models", models, ErrorModel)
-        named = {chr(ord("A") + rank): one for rank, one in enumerate(listed[: MOST_MODELS + 1])}
-    for name, one in named.items():
-        check_instance(f"models[{name!r}]", one, ErrorModel, "as ErrorModel.load makes it")
-    if not 2 <= len(named) <= MOST_MODELS:
-        raise InputError(f"{len(named)} model{'s' * (len(named) != 1)}; 2 to {MOST_MODELS} can be compared")
-    (name, first), *others = named.items()
-    for other, one in others:
-        if one.chain.joint_names != first.chain.joint_names:
+        model_list = check_items("the models", models, ErrorModel)
+        model_of = {chr(ord("A") + rank): model for rank, model in enumerate(model_list[: MOST_MODELS + 1])}
+    for name, model in model_of.items():
+        check_instance(f"models[{name!r}]", model, ErrorModel, "as ErrorModel.load makes it")
+    if not 2 <= len(model_of) <= MOST_MODELS:
+        raise InputError(f"{len(model_of)} model{'s' * (len(model_of) != 1)}; 2 to {MOST_MODELS} can be compared")
+    (name, first), *others = model_of.items()
+    for other, model in others:
+        if model.chain.joint_names != first.chain.joint_names:
             raise InputError(
-                f"{other} has the joints {', '.join(one.chain.joint_names)}, {name} has {', '.join(first.chain.joint_names)}; "
+                f"{other} has the joints {', '.join(model.chain.joint_names)}, {name} has {', '.join(first.chain.joint_names)}; "
                 "only arms with the same joints can be compared"
             )
-    return named
+    return model_of
 
 
-def _paired(first: MonteCarloResult, other: MonteCarloResult, confidence: float, skewness: Array | None) -> Paired:
+def _pair(first: MonteCarloResult, other: MonteCarloResult, confidence: float, skewness: Array | None) -> Paired:
     """Return the differences of two samples of the same robots; ``skewness`` is None if the models do not differ."""
     values = [_quantities(law) for law in (first, other)]
     means, quantiles = {}, {}
     for row, quantity in enumerate(QUANTITIES):
-        one, two = values[0][row], values[1][row]
-        if skewness is None and np.array_equal(one, two):
+        base, changed = values[0][row], values[1][row]
+        if skewness is None and np.array_equal(base, changed):
             means[quantity], quantiles[quantity] = _NONE, dict.fromkeys(LEVELS, _NONE)
             continue
-        own = math.nan if skewness is None else float(skewness[row])
-        means[quantity] = mean_difference(one, two, confidence, own)
-        quantiles[quantity] = {level: quantile_difference(one, two, level, confidence) for level in LEVELS}
+        skew = math.nan if skewness is None else float(skewness[row])
+        means[quantity] = mean_difference(base, changed, confidence, skew)
+        quantiles[quantity] = {level: quantile_difference(base, changed, level, confidence) for level in LEVELS}
     shares = []
     for result in first.summary.specifications:
         row = QUANTITIES.index(result.quantity)
-        inside = [np.abs(of_model[row]) <= result.limit for of_model in values]
-        shares.append(share_difference(inside[0], inside[1], confidence))
+        is_inside = [np.abs(of_model[row]) <= result.limit for of_model in values]
+        shares.append(share_difference(is_inside[0], is_inside[1], confidence))
     return Paired(means, quantiles, tuple(shares))
 
 
@@ -471,40 +471,40 @@ def _skewness(first: PoseModel, other: PoseModel) -> Array | None:
     draws: list[Draw] = []
     slopes: list[Array] = []
     for draw, columns in zip(other.space.draws, other.space.slices, strict=True):
-        own, before = other.tangent[1][:, columns], shared.get(draw.name)
+        draw_slopes, shared_draw = other.tangent[1][:, columns], shared.get(draw.name)
         draws.append(draw)
-        if before is not None and (scale := _scale(before[0], draw)) is not None:
-            own = own - first.tangent[1][:, before[1]] * scale
+        if shared_draw is not None and (scale := _scale(shared_draw[0], draw)) is not None:
+            draw_slopes = draw_slopes - first.tangent[1][:, shared_draw[1]] * scale
             del shared[draw.name]
-        slopes.append(own)
+        slopes.append(draw_slopes)
     draws += [draw for draw, _ in shared.values()]
     slopes += [-first.tangent[1][:, columns] for _, columns in shared.values()]
-    moved = np.concatenate([np.zeros((6, 0)), *slopes], axis=1)
+    all_slopes = np.concatenate([np.zeros((6, 0)), *slopes], axis=1)
     varies = np.concatenate([np.zeros(0), *(np.diag(draw.covariance) > 0 for draw in draws)]) > 0
-    if not moved[:, varies].any():
+    if not all_slopes[:, varies].any():
         return None
-    found = first_order_skewness(draws, moved)[:, 0]
+    skewness = first_order_skewness(draws, all_slopes)[:, 0]
     # the difference of norms is, to first order, a component of the difference
-    found[list(NORMS)] = found[list(COMPONENTS)].reshape(2, 3).max(axis=1)
-    return found
+    skewness[list(NORMS)] = skewness[list(COMPONENTS)].reshape(2, 3).max(axis=1)
+    return skewness
 
 
-def _scale(one: Draw, other: Draw) -> float | None:
+def _scale(first: Draw, other: Draw) -> float | None:
     """Return the ratio of the widths of two laws that differ only in scale and mean; None for other laws."""
-    if one.law == other.law:
+    if first.law == other.law:
         return 1.0
-    if type(one.law) is not type(other.law) or one.law.size != other.law.size:
+    if type(first.law) is not type(other.law) or first.law.size != other.law.size:
         return None
-    before, after = np.diag(one.covariance), np.diag(other.covariance)
-    if not (before > 0).all() or not (after > 0).all():
+    variances, other_variances = np.diag(first.covariance), np.diag(other.covariance)
+    if not (variances > 0).all() or not (other_variances > 0).all():
         return None
-    ratios = np.sqrt(before / after)
-    shapes = [(law.cumulants(), np.diag(law.covariance)) for law in (one.law, other.law)]
-    known = [None if own is None else own / variance ** np.array([[1], [1.5], [2], [3]]) for own, variance in shapes]
-    if (known[0] is None) != (known[1] is None) or not np.allclose(ratios, ratios[0], rtol=1e-9):
+    ratios = np.sqrt(variances / other_variances)
+    shapes = [(law.cumulants(), np.diag(law.covariance)) for law in (first.law, other.law)]
+    scaled = [None if c is None else c / v ** np.array([[1], [1.5], [2], [3]]) for c, v in shapes]
+    if (scaled[0] is None) != (scaled[1] is None) or not np.allclose(ratios, ratios[0], rtol=1e-9):
         return None
-    same = known[0] is None or known[1] is None or np.allclose(known[0], known[1], rtol=1e-6)
-    return float(ratios[0]) if same else None
+    is_alike = scaled[0] is None or scaled[1] is None or np.allclose(scaled[0], scaled[1], rtol=1e-6)
+    return float(ratios[0]) if is_alike else None
 
 
 def _quantities(law: MonteCarloResult) -> Array:
@@ -517,24 +517,24 @@ def _quantities(law: MonteCarloResult) -> Array:
 def _variances(model: ErrorModel, q: Array) -> Mapping[str, float]:
     """Return the first-order contribution of each line of sources to the variance of the position, m²."""
     lines = source_lines(model)
-    found = first_order(model, q[:, None], None, lines, None, lambda _: None)
-    total = float(np.trace(found.covariance[:3, :3, 0]))
-    return {line.name: total * float(share) for line, share in zip(lines, found.shares[:, 0], strict=True)}
+    moments = first_order(model, q[:, None], None, lines, None, lambda _: None)
+    total = float(np.trace(moments.covariance[:3, :3, 0]))
+    return {line.name: total * float(share) for line, share in zip(lines, moments.shares[:, 0], strict=True)}
 
 
 _SHOWN: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
-_MOST_LETTERS: Final = 30
+_MOST_LETTERS: Final = 30  # of a name in a column
 
 
 def comparison_table(result: ComparisonResult) -> str:
     """Return which model is better and by how much, then laws, verdicts, causes, and the differences of the sheets."""
-    of = result.provenance
+    run = result.provenance
     lines = [
         *(headline(result, rank) for rank in range(1, len(result.names))),
         *_verdicts(result),
         "",
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}",
-        f"{result.samples:,} robots, the same in all, seed {of.seed}, {result.model} model",
+        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}",
+        f"{result.samples:,} robots, the same in all, seed {run.seed}, {result.model} model",
         f"intervals and digits at {result.confidence:.0%} confidence; differences: to {shown(result.names[0])}",
     ]
     for pose in result.poses:
@@ -543,31 +543,31 @@ def comparison_table(result: ComparisonResult) -> str:
         other = f" has otherwise than {shown(result.names[0])}:" if changes else ": the same sheet"
         lines += ["", f"{shown(name)}{other}"]
         rows = [
-            [f"  {shortened(visible(one.path), 50)}", _written(one.before), "->", _written(one.after)]
-            for one in changes[:20]
+            [f"  {shortened(visible(change.path), 50)}", _value(change.before), "->", _value(change.after)]
+            for change in changes[:20]
         ]
         lines += aligned(rows) if rows else []
-        more = len(changes) - len(rows)
-        lines += [f"  and {more:,} more: --json FILE writes all"] if more > 0 else []
-    return "\n".join([*lines, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)])
+        hidden_count = len(changes) - len(rows)
+        lines += [f"  and {hidden_count:,} more: --json FILE writes all"] if hidden_count > 0 else []
+    return "\n".join([*lines, *resting_on(run.assumed, run.sources, run.origins, run.origins_at)])
 
 
 def headline(result: ComparisonResult, rank: int) -> str:
     """Return a sentence that compares a model with the first at the first model's worst pose."""
     pose = result.poses[result.worst_pose()]
-    one = pose.differences[rank - 1].quantiles["position.norm"][0.95]
+    change = pose.differences[rank - 1].quantiles["position.norm"][0.95]
     first, other = (_quantile(pose.laws[k], "position.norm", 0.95) for k in (0, rank))
     names = shown(result.names[0]), shown(result.names[rank])
-    where = f" at the worst pose {shown(pose.label.name)}" if len(result.poses) > 1 else ""
-    within = f"95 % of robots within |d| {other} mm instead of {first}{where}"
-    if one.interval is None:
-        return f"{names[1]} against {names[0]}: {within}; the robots are too few to tell the difference"
-    if one.value == 0 and one.interval == (0.0, 0.0):
-        return f"{names[1]} and {names[0]} do not differ in |d|{where}: 95 % of robots within {first} mm"
-    if not one.is_told:
-        return f"{names[1]} is not told from {names[0]}: {within}, difference {_signed(one)} mm"
-    better = "better" if one.value < 0 else "worse"
-    return f"{names[1]} is {better} than {names[0]}: {within}, {_signed(one)} mm"
+    place = f" at the worst pose {shown(pose.label.name)}" if len(result.poses) > 1 else ""
+    phrase = f"95 % of robots within |d| {other} mm instead of {first}{place}"
+    if change.interval is None:
+        return f"{names[1]} against {names[0]}: {phrase}; the robots are too few to tell the difference"
+    if change.value == 0 and change.interval == (0.0, 0.0):
+        return f"{names[1]} and {names[0]} do not differ in |d|{place}: 95 % of robots within {first} mm"
+    if not change.is_told:
+        return f"{names[1]} is not told from {names[0]}: {phrase}, difference {_format_signed(change)} mm"
+    word = "better" if change.value < 0 else "worse"
+    return f"{names[1]} is {word} than {names[0]}: {phrase}, {_format_signed(change)} mm"
 
 
 def _verdicts(result: ComparisonResult) -> list[str]:
@@ -575,11 +575,11 @@ def _verdicts(result: ComparisonResult) -> list[str]:
     lines = []
     for rank, name in enumerate(result.names):
         for pose in result.poses:
-            for number, one in enumerate(pose.laws[rank].summary.specifications):
-                where = f" at {shown(pose.label.name or 'the pose')}" if len(result.poses) > 1 else ""
+            for number, limit in enumerate(pose.laws[rank].summary.specifications):
+                place = f" at {shown(pose.label.name or 'the pose')}" if len(result.poses) > 1 else ""
                 change = "" if rank == 0 else f", {_points(pose.differences[rank - 1].shares[number])}"
-                verdict = verdict_line(f"spec {demanded(one)}", one, "{share} % inside, {low} to {high} %")
-                lines.append(f"{shown(name)}: {verdict}{where}{change}")
+                verdict = verdict_line(f"spec {demanded(limit)}", limit, "{share} % inside, {low} to {high} %")
+                lines.append(f"{shown(name)}: {verdict}{place}{change}")
     return lines
 
 
@@ -596,10 +596,10 @@ def _pose(result: ComparisonResult, pose: PoseComparison) -> list[str]:
     rows = [["", "", "mean", *heads, *(f"change of {head}" for head in heads[1:])]]
     for quantity, unit in _SHOWN:
         for rank, (name, law) in enumerate(zip(result.names, pose.laws, strict=True)):
-            of = law.position.norm if quantity.startswith("position") else law.attitude.norm
-            cells = [milli(of.mean, 4), *(_quantile(law, quantity, level) for level in LEVELS)]
+            distribution = law.position.norm if quantity.startswith("position") else law.attitude.norm
+            cells = [milli(distribution.mean, 4), *(_quantile(law, quantity, level) for level in LEVELS)]
             by_level = pose.differences[rank - 1].quantiles[quantity] if rank else {}
-            cells += [_signed(by_level[level]) if rank else "" for level in LEVELS[1:]]
+            cells += [_format_signed(by_level[level]) if rank else "" for level in LEVELS[1:]]
             label = f"{symbol(quantity)} {unit}" if rank == 0 else ""
             rows.append([label, shortened(visible(name), _MOST_LETTERS), *cells])
     return [*title, *aligned(rows), "", *_causes(result, pose)]
@@ -609,11 +609,11 @@ def _causes(result: ComparisonResult, pose: PoseComparison) -> list[str]:
     """Return the largest lines of sources, by their largest contribution to the variance in any model."""
     names = dict.fromkeys(name for variance in pose.variances for name in variance)
     largest = {name: max(variance.get(name, 0.0) for variance in pose.variances) for name in names}
-    listed = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0][:8]
+    top_names = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0][:8]
     head = ["variance of the position, mm²", *(shortened(visible(name), _MOST_LETTERS) for name in result.names)]
     rows = [
         [shortened(visible(name), _MOST_LETTERS), *(_variance(variance.get(name)) for variance in pose.variances)]
-        for name in listed
+        for name in top_names
     ]
     total = ["all", *(_variance(sum(variance.values())) for variance in pose.variances)]
     return aligned([head, *rows, total])
@@ -624,21 +624,21 @@ def _variance(value: float | None) -> str:
 
 
 def _quantile(law: MonteCarloResult, quantity: str, level: float) -> str:
-    of = law.position.norm if quantity.startswith("position") else law.attitude.norm
-    value, ends = of.resolved_quantile(level), of.quantile_interval(level)
-    if value is None or ends is None:
+    distribution = law.position.norm if quantity.startswith("position") else law.attitude.norm
+    value, interval = distribution.resolved_quantile(level), distribution.quantile_interval(level)
+    if value is None or interval is None:
         return "-"
-    return format_inside(1e3 * value, (1e3 * ends[0], 1e3 * ends[1]), most=5)
+    return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
 
 
-def _signed(one: Difference) -> str:
-    if one.interval is None:
-        return f"{1e3 * one.value:+.3g}"
-    low, high = format_interval(*one.interval, 1e3)
-    value = format_inside(1e3 * one.value, (1e3 * one.interval[0], 1e3 * one.interval[1]), most=5)
-    sign = "+" if one.value > 0 else ""
+def _format_signed(difference: Difference) -> str:
+    if difference.interval is None:
+        return f"{1e3 * difference.value:+.3g}"
+    low, high = format_interval(*difference.interval, 1e3)
+    value = format_inside(1e3 * difference.value, (1e3 * difference.interval[0], 1e3 * difference.interval[1]), most=5)
+    sign = "+" if difference.value > 0 else ""
     return f"{sign}{value} ({low} to {high})"
 
 
-def _written(value: str | None) -> str:
+def _value(value: str | None) -> str:
     return "-" if value is None else shortened(visible(value), _MOST_LETTERS)

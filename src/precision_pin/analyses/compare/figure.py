@@ -16,23 +16,23 @@ from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VER
 from precision_pin.render.tables import symbol
 
 _STYLES: Final = ((BLUE, "-"), (VERMILION, "--"), (PURPLE, "-."), (SKY, ":"))
-_MOST_LETTERS: Final = 40
-_POINTS: Final = 400
+_MOST_LETTERS: Final = 40  # of a name in the legend
+_POINTS: Final = 400  # of each curve
 
 
 def figure(result: ComparisonResult) -> Figure:
-    """Return the figure, 174 mm wide: position beside attitude, at the first model's worst pose."""
+    """Return the figure, 174 mm wide: position next to attitude, at the first model's worst pose."""
     pose = result.poses[result.worst_pose()]
     with figure_style.style():
-        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        panels = made.subplots(1, 2, sharey=True)
+        chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        panels = chart.subplots(1, 2, sharey=True)
         for axes, vector in zip(panels, ("position", "attitude"), strict=True):
             _draw(axes, result, pose, vector)
         panels[0].set_ylabel("robots within [%]")
-        where = f" at {visible(pose.label.name, 40)}" if pose.label.name else ""
-        title = f"error of {visible(result.provenance.robot, 60)}{where}: {len(result.names)} sheets, the same robots"
-        figure_style.frame(made, panels, title, f"N = {result.samples:,}, seed {result.provenance.seed}", 75.0, 2)
-    return made
+        place = f" at {visible(pose.label.name, 40)}" if pose.label.name else ""
+        title = f"error of {visible(result.provenance.robot, 60)}{place}: {len(result.names)} sheets, the same robots"
+        figure_style.frame(chart, panels, title, f"N = {result.samples:,}, seed {result.provenance.seed}", 75.0, 2)
+    return chart
 
 
 def _draw(axes: Axes, result: ComparisonResult, pose: PoseComparison, vector: str) -> None:
@@ -44,10 +44,10 @@ def _draw(axes: Axes, result: ComparisonResult, pose: PoseComparison, vector: st
         colour, dashes = _STYLES[rank % len(_STYLES)]
         label = figure_style.shortened(visible(name), _MOST_LETTERS)
         axes.plot(places * unit.per_si, 100 * law.cumulative(places), color=colour, linestyle=dashes, label=label)
-    for one in result.specifications:
-        if one.quantity == f"{vector}.norm":
-            axes.axvline(one.limit * unit.per_si, color=BLACK, linewidth=0.8)
-            axes.axhline(100 * one.required, color=BLACK, linewidth=0.4)
+    for specification in result.specifications:
+        if specification.quantity == f"{vector}.norm":
+            axes.axvline(specification.limit * unit.per_si, color=BLACK, linewidth=0.8)
+            axes.axhline(100 * specification.required, color=BLACK, linewidth=0.4)
     axes.axhline(95, color=BLACK, linewidth=0.4, linestyle=":")
     axes.set_ylim(0, 100)
     margin = 0.05 * (largest - smallest)

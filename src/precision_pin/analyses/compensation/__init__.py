@@ -8,14 +8,14 @@ from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaratio
 from precision_pin.base.errors import InputError
 
 
-def prepare(asked: Asked) -> Job:
+def prepare(request: Asked) -> Job:
     """Return the compensation of a command line; corrected joint values are written if every pose has them."""
     from precision_pin.analyses.compensation.compensate import compensate
     from precision_pin.analyses.compensation.table import corrected_csv
     from precision_pin.base.files import write_text
     from precision_pin.model.error_model import ErrorModel
 
-    options, poses = asked.options, asked.read_pose_set()
+    options, poses = request.options, request.read_pose_set()
 
     def write(result: Any) -> tuple[str, ...]:
         if not result.is_complete:
@@ -33,8 +33,8 @@ def prepare(asked: Asked) -> Job:
 
     return Job(
         partial(
-            compensate, ErrorModel.from_sheet(asked.sheet), poses, mode=options["mode"], weights=options["weights"],
-            findings=asked.sheet.findings,
+            compensate, ErrorModel.from_sheet(request.sheet), poses, mode=options["mode"], weights=options["weights"],
+            findings=request.sheet.findings,
         ),
         steps=len(poses), what="correcting", unit="poses", stem="compensation", files=files, write=write,
         is_met=lambda result: result.is_complete,

@@ -100,29 +100,29 @@ class CompensationResult(AnalysisResult):
         return [self._entry(pose, dominant) for pose, dominant in enumerate(self.dominant_source)]
 
     def _entry(self, pose: int, dominant: str) -> dict[str, Any]:
-        of, made = self.poses, self.correction
-        known = made.status[pose] == "corrected"
-        approach = () if of.approaches is None else tuple(of.approaches[:, pose].tolist())
+        poses, correction = self.poses, self.correction
+        is_corrected = correction.status[pose] == "corrected"
+        approach = () if poses.approaches is None else tuple(poses.approaches[:, pose].tolist())
 
         def split(values: Array) -> dict[str, Array]:
             position, attitude = np.split(values[:, pose], 2)
             return {"position": position.squeeze(), "attitude": attitude.squeeze()}
 
         return {
-            "name": of.names[pose],
-            **({} if of.times is None else {"time": float(of.times[pose])}),
-            "q": of.q[:, pose],
+            "name": poses.names[pose],
+            **({} if poses.times is None else {"time": float(poses.times[pose])}),
+            "q": poses.q[:, pose],
             **approach_entry(written_approach(self.joints, approach)),
-            "q_corrected": made.q[:, pose] if known else None,
-            "before": split(made.before),
-            "first_order": split(made.first_order),
-            "after": split(made.after) if known else None,
+            "q_corrected": correction.q[:, pose] if is_corrected else None,
+            "before": split(correction.before),
+            "first_order": split(correction.first_order),
+            "after": split(correction.after) if is_corrected else None,
             "within_95_before": split(self.within_before),
-            "within_95_after": split(self.within_after) if known else None,
-            "shares": self.shares[:, pose] if known else None,
+            "within_95_after": split(self.within_after) if is_corrected else None,
+            "shares": self.shares[:, pose] if is_corrected else None,
             "dominant_source": dominant or None,
-            "iterations": int(made.iterations[pose]),
-            "status": made.status[pose],
+            "iterations": int(correction.iterations[pose]),
+            "status": correction.status[pose],
         }
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -149,23 +149,23 @@ class CompensationResult(AnalysisResult):
         return f"{count:,} of {len(self.poses):,} poses corrected in {self.mode}"
 
     def _repr_html_(self) -> str:
-        made, labels = self.correction, self.poses.labels
+        correction, labels = self.correction, self.poses.labels
         rows = []
         for pose in range(min(len(labels), _MOST_ROWS)):
             numbers = [
                 milli(float(np.linalg.norm(error[rows_of, pose])))
                 for rows_of in (slice(0, 3), slice(3, 6))
-                for error in (made.before, made.after)
+                for error in (correction.before, correction.after)
             ]
-            within = [milli(float(of[0, pose])) for of in (self.within_before, self.within_after)]
-            rows.append([labels[pose], *numbers, *within, self.dominant_source[pose], made.status[pose]])
+            quantiles = [milli(float(array[0, pose])) for array in (self.within_before, self.within_after)]
+            rows.append([labels[pose], *numbers, *quantiles, self.dominant_source[pose], correction.status[pose]])
         columns = ["pose", "|d| before [mm]", "after", "|δ| before [mrad]", "after", "95 % |d| before", "after"]
-        of = self.provenance
-        title = f"Compensation of {of.robot}: {of.base} to {of.tip}, {len(labels):,} poses, {self.mode}"
+        array = self.provenance
+        title = f"Compensation of {array.robot}: {array.base} to {array.tip}, {len(labels):,} poses, {self.mode}"
         return rendered(title, [Table([*columns, "what remains", "status"], rows)], [*self.assumptions, *self.warnings])
 
 
-_MOST_ROWS = 20
+_MOST_ROWS = 20  # rows of the notebook's table
 
 
 @warns_at_end
@@ -216,47 +216,47 @@ def compensate(
     effective = np.repeat([1.0, float(mode == "pose")], 3) if is_exact else check_numbers("weights", weights, (6,))
     if (effective < 0).any() or not effective.any():
         raise InputError("weights must not be negative, and one must be positive")
-    needed, joints = np.count_nonzero(effective), len(error_model.chain.joints)
-    if is_exact and joints < needed:
+    component_count, joints = np.count_nonzero(effective), len(error_model.chain.joints)
+    if is_exact and joints < component_count:
         other = "correct the position, or give weights" if mode == "pose" else 'give weights with mode="pose"'
-        raise InputError(f"{mode} has {needed} components, which {joints} joints cannot all correct; {other}")
-    given = pose_set(error_model, poses)
-    known = given.known
-    if not known.any():
-        raise InputError(f"none of the {len(given):,} poses has joint values")
-    values, approaches, lines = given.q[:, known], given.of(known).approaches, source_lines(error_model)
+        raise InputError(f"{mode} has {component_count} components, which {joints} joints cannot all correct; {other}")
+    all_poses = pose_set(error_model, poses)
+    is_known = all_poses.known
+    if not is_known.any():
+        raise InputError(f"none of the {len(all_poses):,} poses has joint values")
+    values, approaches, lines = all_poses.q[:, is_known], all_poses.of(is_known).approaches, source_lines(error_model)
     with steps_to(progress, values.shape[1], "poses") as step:
         correction = correct(error_model, values, approaches, effective, is_exact, step)
-    corrected = np.array(correction.status) == "corrected"
-    before = first_order(error_model, values, approaches, lines, None, lambda _: None)
-    within = np.full((2, len(corrected)), np.nan)
-    shares = np.full((len(lines), len(corrected)), np.nan)
-    if corrected.any():
-        own = None if approaches is None else approaches[:, corrected]
-        after = first_order(error_model, correction.q[:, corrected], own, lines, None, lambda _: None)
-        within[:, corrected] = _within(correction.after[:, corrected], after.covariance)
-        shares[:, corrected] = after.shares
+    is_corrected = np.array(correction.status) == "corrected"
+    moments_before = first_order(error_model, values, approaches, lines, None, lambda _: None)
+    quantiles_after = np.full((2, len(is_corrected)), np.nan)
+    shares = np.full((len(lines), len(is_corrected)), np.nan)
+    if is_corrected.any():
+        sides = None if approaches is None else approaches[:, is_corrected]
+        moments_after = first_order(error_model, correction.q[:, is_corrected], sides, lines, None, lambda _: None)
+        quantiles_after[:, is_corrected] = _quantiles(correction.after[:, is_corrected], moments_after.covariance)
+        shares[:, is_corrected] = moments_after.shares
 
     def spread(array: NDArray[Any], fill: float = np.nan) -> NDArray[Any]:
-        full = np.full((*array.shape[:-1], len(given)), fill)
-        full[..., known] = array
+        full = np.full((*array.shape[:-1], len(all_poses)), fill)
+        full[..., is_known] = array
         return full
 
-    status = np.array(given.status, dtype="<U11")
-    status[known] = correction.status
+    status = np.array(all_poses.status, dtype="<U11")
+    status[is_known] = correction.status
     worst = int(np.nanargmax(np.linalg.norm(spread(correction.before)[:3], axis=0)))
-    found = (
-        *pose_findings(error_model.chain, values, list(itertools.compress(given.labels, known))),
+    pose_warnings = (
+        *pose_findings(error_model.chain, values, list(itertools.compress(all_poses.labels, is_known))),
         *strained_findings(
-            error_model, approached(given.take(np.array([worst])))[0], given.labels[worst], first_order=True
+            error_model, approached(all_poses.take(np.array([worst])))[0], all_poses.labels[worst], first_order=True
         ),
     )
-    add(found)
+    add(pose_warnings)
     return CompensationResult(
         provenance=Provenance.of(error_model, 0),
         joints=tuple(error_model.chain.joint_names),
         prismatic=tuple(error_model.chain.prismatic),
-        poses=given,
+        poses=all_poses,
         mode=mode,
         weights=None if is_exact else effective,
         correction=Correction(
@@ -264,16 +264,16 @@ def compensate(
             iterations=spread(correction.iterations, 0),
             status=tuple(status.tolist()),
         ),
-        within_before=spread(_within(before.mean, before.covariance)),
-        within_after=spread(within),
+        within_before=spread(_quantiles(moments_before.mean, moments_before.covariance)),
+        within_after=spread(quantiles_after),
         sources=tuple(line.name for line in lines),
         shares=spread(shares),
         findings=known_findings,
-        warnings=list_warnings(known_findings, map(str, found)),
+        warnings=list_warnings(known_findings, map(str, pose_warnings)),
     )
 
 
-def _within(mean: Array, covariance: Array) -> Array:
+def _quantiles(mean: Array, covariance: Array) -> Array:
     parts = (slice(0, 3), slice(3, 6))
     return np.stack([norm_quantiles(*principal_axes(mean[part], covariance[part, part]), 0.95) for part in parts])
 
@@ -287,7 +287,7 @@ CONVERGED: Final = 1e-10
 """Error (m and rad) below which it counts as corrected."""
 _SETTLED: Final = 1e-6
 """Relative change of the joints in a step below which they are settled: the excess over the minimum is its square."""
-_MOST_ITERATIONS: Final = 20
+_MOST_ITERATIONS: Final = 20  # Newton steps where the correction is unique
 _MOST_SETTLING: Final = 200
 """Steps of more free joints than corrected components."""
 _LARGEST_STEP: Final = 0.3
@@ -330,14 +330,14 @@ def correct(
 ) -> Correction:
     """Return the corrected joint values of poses ``(n, P)``.
 
-    Newton's method on the arm with its errors: they are computed anew at each step, since loads and lever arms change
+    Newton's method on the arm with its errors: they are recomputed at each step, since loads and lever arms change
     with the joint values, and the Jacobian is that of the arm with its errors, by central differences. For a redundant
     arm the sum of squares of the joint changes is a local minimum, with a sliding joint in lengths of the chain: each
     step goes to the smallest change that the Jacobian allows. A joint that would pass its limit stays there while the
     others correct; it leaves the limit again where that makes the change smaller.
 
     A correction is continuous with its pose: no singularity lies between them, and the joints change, as a vector, by at
-    most twice what the error asks for to first order (equation C2 at the pose, joints at their limits held there).
+    most twice the first-order change for the error (equation C2 at the pose, joints at their limits held there).
 
     Args:
         values, approaches: Joint values in chain order, ``(n, P)``, rad and m, and the direction in which each joint
@@ -349,28 +349,28 @@ def correct(
     Raises:
         InputError: An error is too large to compute with.
     """
-    poses, wanted = values.shape[1], error_model.chain.at_columns(values).pose
-    arm = _Arm(error_model, wanted, approaches, weights, is_exact, np.zeros((6, poses)))
+    poses, target_poses = values.shape[1], error_model.chain.at_columns(values).pose
+    arm = _Arm(error_model, target_poses, approaches, weights, is_exact, np.zeros((6, poses)))
     before = arm.error(values, np.arange(poses))
     step, smallest = arm.step(np.zeros(values.shape), before, arm.nominal_slopes(values))
     first_order = arm.error(values + step, np.arange(poses))
-    found, after, iterations = values.copy(), before.copy(), np.zeros(poses, dtype=np.int64)
+    corrected_values, after, iterations = values.copy(), before.copy(), np.zeros(poses, dtype=np.int64)
     status = np.full(poses, "unreachable", dtype="<U11")
-    outside = error_model.chain.configurations.outside(values).any(axis=0)
-    status[outside] = "limit"
-    singular = ~outside & (smallest < SINGULAR_BELOW) & is_exact
+    is_outside = error_model.chain.configurations.outside(values).any(axis=0)
+    status[is_outside] = "limit"
+    singular = ~is_outside & (smallest < SINGULAR_BELOW) & is_exact
     status[singular] = "singular"
-    chosen = np.flatnonzero(~outside & ~singular)
-    for begin in range(0, len(chosen), _AT_ONCE):
-        part = chosen[begin : begin + _AT_ONCE]
-        found[:, part], after[:, part], iterations[part], status[part] = arm.follow(values[:, part], part)
+    solvable = np.flatnonzero(~is_outside & ~singular)
+    for begin in range(0, len(solvable), _AT_ONCE):
+        part = solvable[begin : begin + _AT_ONCE]
+        corrected_values[:, part], after[:, part], iterations[part], status[part] = arm.follow(values[:, part], part)
         advance(len(part))
-    advance(poses - len(chosen))
-    found[:, status != "corrected"] = after[:, status != "corrected"] = np.nan
-    return Correction(found, before, first_order, after, iterations, tuple(status.tolist()))
+    advance(poses - len(solvable))
+    corrected_values[:, status != "corrected"] = after[:, status != "corrected"] = np.nan
+    return Correction(corrected_values, before, first_order, after, iterations, tuple(status.tolist()))
 
 
-_AT_ONCE: Final = 256
+_AT_ONCE: Final = 256  # poses corrected together
 
 
 class _State(NamedTuple):
@@ -424,19 +424,19 @@ class _Arm:
         """Return the error ``(6, P)`` from the targets with numbers ``poses``, less the rest, at joint values ``(n, P)``."""
         approaches = None if self.approaches is None else self.approaches[:, poses]
         parts = tangents(self.error_model.at_columns(values, approaches))
-        own = np.concatenate([part.error for part in parts], axis=1)
+        errors = np.concatenate([part.error for part in parts], axis=1)
         nominal = self.error_model.chain.at_columns(values).pose
-        wanted = self.wanted[:, :, poses]
-        turned = np.einsum("ijp,jkp,lkp->ilp", se3.exp_rotation(own[3:]), nominal[:3, :3], wanted[:3, :3])
-        missed = np.concatenate([nominal[:3, 3] + own[:3] - wanted[:3, 3], se3.log_rotation(turned)])
-        return missed - self.rest[:, poses]
+        targets = self.wanted[:, :, poses]
+        rotations = np.einsum("ijp,jkp,lkp->ilp", se3.exp_rotation(errors[3:]), nominal[:3, :3], targets[:3, :3])
+        deviation = np.concatenate([nominal[:3, 3] + errors[:3] - targets[:3, 3], se3.log_rotation(rotations)])
+        return deviation - self.rest[:, poses]
 
     def slopes(self, values: Array, poses: NDArray[np.intp]) -> Array:
         """Return the derivative of :meth:`error` by each joint, in its unit, ``(6, n, P)``, by central differences."""
         joints, count = values.shape
         shifts = _DIFFERENCE * np.eye(joints)[:, :, None] * self.units
-        moved = np.concatenate([values[:, None] + shifts, values[:, None] - shifts], axis=1).reshape(joints, -1)
-        errors = self.error(moved, np.tile(poses, 2 * joints)).reshape(6, 2, joints, count)
+        shifted = np.concatenate([values[:, None] + shifts, values[:, None] - shifts], axis=1).reshape(joints, -1)
+        errors = self.error(shifted, np.tile(poses, 2 * joints)).reshape(6, 2, joints, count)
         return np.asarray((errors[:, 0] - errors[:, 1]) / (2 * _DIFFERENCE))
 
     def nominal_slopes(self, values: Array) -> Array:
@@ -454,10 +454,10 @@ class _Arm:
         threshold = 1e-9 if self.is_exact else SINGULAR_BELOW * sizes[:, :1]
         safe = sizes > threshold
         inverse = np.where(safe, 1 / np.where(safe, sizes, 1.0), 0.0)
-        wanted = np.einsum("pij,ip->pj", left, error[self.rows] * scale)
-        needless = moved / self.units
-        kept = np.einsum("pji,ip->pj", right, needless)
-        step = np.einsum("pji,pj->ip", right, np.where(safe, kept, 0.0) - inverse * wanted) - needless
+        error_rows = np.einsum("pij,ip->pj", left, error[self.rows] * scale)
+        offset = moved / self.units
+        free_part = np.einsum("pji,ip->pj", right, offset)
+        step = np.einsum("pji,pj->ip", right, np.where(safe, free_part, 0.0) - inverse * error_rows) - offset
         largest = np.abs(step).max(axis=0, initial=0.0)
         step *= np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, _LARGEST_STEP))
         smallest = sizes[:, -1] if len(self.rows) <= len(moved) else np.zeros(moved.shape[1])
@@ -495,21 +495,21 @@ class _Arm:
         as far as it is linear there, no eigenvalue of Uᵀ J V Σ⁻¹ is then negative.
         """
         scale = self.scale if self.is_exact else self.weights[self.rows, None]
-        moved = (state.values - state.start) / self.units
-        held = np.where(state.free, 0.0, moved)
-        first, last = (
-            np.moveaxis(of[self.rows] * scale[:, None] * state.free, -1, 0)
-            for of in (slopes, self.slopes(state.values, state.poses))
+        change = (state.values - state.start) / self.units
+        locked_change = np.where(state.free, 0.0, change)
+        first_slopes, last_slopes = (
+            np.moveaxis(derivatives[self.rows] * scale[:, None] * state.free, -1, 0)
+            for derivatives in (slopes, self.slopes(state.values, state.poses))
         )
-        left, sizes, right = np.linalg.svd(first, full_matrices=False)
+        left_vectors, sizes, right_vectors = np.linalg.svd(first_slopes, full_matrices=False)
         safe = sizes > SINGULAR_BELOW * (1.0 if self.is_exact else sizes[:, :1])
         inverse = np.where(safe, 1 / np.where(safe, sizes, 1.0), 0.0)
-        error = (before[self.rows] + np.einsum("rjp,jp->rp", slopes[self.rows], held)) * scale
-        step = inverse * np.einsum("pij,ip->pj", left, error)
-        needed = np.hypot(np.linalg.norm(step, axis=1), np.linalg.norm(held, axis=0))
-        ratio = left.swapaxes(1, 2) @ last @ right.swapaxes(1, 2) * inverse[:, None]
+        error = (before[self.rows] + np.einsum("rjp,jp->rp", slopes[self.rows], locked_change)) * scale
+        step = inverse * np.einsum("pij,ip->pj", left_vectors, error)
+        needed_norm = np.hypot(np.linalg.norm(step, axis=1), np.linalg.norm(locked_change, axis=0))
+        ratio = left_vectors.swapaxes(1, 2) @ last_slopes @ right_vectors.swapaxes(1, 2) * inverse[:, None]
         ratio = np.where(safe[:, None] & safe[:, :, None], ratio, np.eye(safe.shape[1]))
-        is_near = np.linalg.norm(moved, axis=0) <= _MOST_CHANGE * needed + CONVERGED
+        is_near = np.linalg.norm(change, axis=0) <= _MOST_CHANGE * needed_norm + CONVERGED
         is_near &= np.linalg.eigvals(ratio).real.min(axis=1) > 0
         return np.asarray(is_near & safe.all(axis=1) if self.is_exact else is_near)
 
@@ -521,74 +521,74 @@ class _Arm:
         error = self.error(values, poses)
         state = _State(start, values, error, free, iterations, poses)
         remaining = np.arange(values.shape[1])
-        reached = np.zeros(values.shape[1], dtype=bool)
+        is_reached = np.zeros(values.shape[1], dtype=bool)
         for _ in range(4 * len(values)):
-            reached[remaining] = self._iterate(state, remaining)
-            remaining = remaining[reached[remaining]]
-            beyond = np.where(free, np.maximum(low - values, values - high) / self.units, 0.0)[:, remaining]
-            passed = beyond.max(axis=0, initial=0.0) > 0
+            is_reached[remaining] = self._iterate(state, remaining)
+            remaining = remaining[is_reached[remaining]]
+            excess = np.where(free, np.maximum(low - values, values - high) / self.units, 0.0)[:, remaining]
+            is_outside = excess.max(axis=0, initial=0.0) > 0
             # one joint at a time, because that may bring the others back
-            free[beyond.argmax(axis=0)[passed], remaining[passed]] = False
-            settled = remaining[~passed]
-            leaving, joint = self._leaving(state, settled)
-            free[joint[leaving], settled[leaving]] = True
-            remaining = np.concatenate([remaining[passed], settled[leaving]])
+            free[excess.argmax(axis=0)[is_outside], remaining[is_outside]] = False
+            inside_poses = remaining[~is_outside]
+            leaving, joint = self._select_leaving(state, inside_poses)
+            free[joint[leaving], inside_poses[leaving]] = True
+            remaining = np.concatenate([remaining[is_outside], inside_poses[leaving]])
             if self.is_exact:
                 hopeless = free[:, remaining].sum(axis=0) < len(self.rows)
-                reached[remaining[hopeless]], remaining = False, remaining[~hopeless]
+                is_reached[remaining[hopeless]], remaining = False, remaining[~hopeless]
             if not len(remaining):
                 break
             values[:, remaining] = np.clip(values, low, high)[:, remaining]
             error[:, remaining] = self.error(values[:, remaining], poses[remaining])
-        reached[remaining] = False
-        return state, reached
+        is_reached[remaining] = False
+        return state, is_reached
 
-    def _leaving(self, state: _State, of: NDArray[np.intp]) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+    def _select_leaving(self, state: _State, of: NDArray[np.intp]) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
         """Return which of the poses ``of`` have a joint at its limit that should leave it, and which joint."""
         start, values, error, free, _, poses = state
-        held = ~free[:, of]
-        if not held.any():
+        is_locked = ~free[:, of]
+        if not is_locked.any():
             return np.zeros(len(of), dtype=bool), np.zeros(len(of), dtype=np.intp)
         slopes = np.moveaxis(self.slopes(values[:, of], poses[of])[self.rows], -1, 0)
         if self.is_exact:
             # the change is minimal where it is a combination of the rows, except for joints that press against their
             # limits
-            moved = ((values - start) / self.units)[:, of]
-            others = np.linalg.pinv(np.where(held.T[:, None], 0.0, slopes))
-            rows = np.einsum("pjr,jp->pr", others, np.where(held, 0.0, moved))
-            rises = moved - np.einsum("prj,pr->jp", slopes, rows)
-            least = _SETTLED * np.abs(moved).max(axis=0, initial=0.0)
+            change = ((values - start) / self.units)[:, of]
+            pseudoinverse = np.linalg.pinv(np.where(is_locked.T[:, None], 0.0, slopes))
+            rows = np.einsum("pjr,jp->pr", pseudoinverse, np.where(is_locked, 0.0, change))
+            rises = change - np.einsum("prj,pr->jp", slopes, rows)
+            threshold = _SETTLED * np.abs(change).max(axis=0, initial=0.0)
         else:
             weighted = error[self.rows][:, of] * self.weights[self.rows, None] ** 2
             rises = np.einsum("prj,rp->jp", slopes, weighted)
-            least = _SETTLED * np.einsum("prj,rp->jp", np.abs(slopes), np.abs(weighted)).max(axis=0, initial=0.0)
-        inward = np.where(held, np.where(values[:, of] <= self.limits[0], -rises, rises), 0.0)
-        return np.asarray(inward.max(axis=0, initial=0.0) > least), inward.argmax(axis=0)
+            threshold = _SETTLED * np.einsum("prj,rp->jp", np.abs(slopes), np.abs(weighted)).max(axis=0, initial=0.0)
+        inward = np.where(is_locked, np.where(values[:, of] <= self.limits[0], -rises, rises), 0.0)
+        return np.asarray(inward.max(axis=0, initial=0.0) > threshold), inward.argmax(axis=0)
 
-    def _iterate(self, state: _State, asked: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Let the free joints of the poses ``asked`` converge, in place; return whether each did."""
+    def _iterate(self, state: _State, selected: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Iterate the free joints of the ``selected`` poses in place; return whether each converged."""
         start, values, error, free, iterations, poses = state
         is_redundant = self.is_exact and len(self.rows) < len(values)
-        done = self._is_done(error, None)
+        is_done = self._is_done(error, None)
         if is_redundant:
-            done &= (values == start).all(axis=0)
-        has_choice = self.is_exact & (free[:, asked].sum(axis=0) > len(self.rows))
-        most = np.where(has_choice, _MOST_SETTLING, _MOST_ITERATIONS)
-        for made in range(most.max(initial=0)):
-            active = asked[~done[asked] & (made < most)]
+            is_done &= (values == start).all(axis=0)
+        has_choice = self.is_exact & (free[:, selected].sum(axis=0) > len(self.rows))
+        most_iterations = np.where(has_choice, _MOST_SETTLING, _MOST_ITERATIONS)
+        for iteration in range(most_iterations.max(initial=0)):
+            active = selected[~is_done[selected] & (iteration < most_iterations)]
             if not len(active):
                 break
             slopes = self.slopes(values[:, active], poses[active]) * free[:, active]
-            moved = np.where(free[:, active], values[:, active] - start[:, active], 0.0)
-            step, _ = self.step(moved, error[:, active], slopes)
+            change = np.where(free[:, active], values[:, active] - start[:, active], 0.0)
+            step, _ = self.step(change, error[:, active], slopes)
             values[:, active] += step * free[:, active]  # exactly at its limit, whatever the rounding
             error[:, active] = self.error(values[:, active], poses[active])
             iterations[active] += 1
-            done[active] = self._is_done(error[:, active], step)
+            is_done[active] = self._is_done(error[:, active], step)
             if is_redundant:
                 size = np.abs((values - start)[:, active] / self.units).max(axis=0)
-                done[active] &= np.abs(step / self.units).max(axis=0) <= _SETTLED * size
-        return done[asked]
+                is_done[active] &= np.abs(step / self.units).max(axis=0) <= _SETTLED * size
+        return is_done[selected]
 
     def _is_done(self, error: Array, step: Array | None) -> NDArray[np.bool_]:
         if self.is_exact:

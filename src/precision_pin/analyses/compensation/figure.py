@@ -29,36 +29,36 @@ from precision_pin.render.scene import Chapter, Scene, rounded
 from precision_pin.render.tables import symbol
 from precision_pin.robot.chain import Posture
 
-_MOST_LETTERS: Final = 18
-_MOST_LEVEL: Final = 40
+_MOST_LETTERS: Final = 18  # of a name on the axis
+_MOST_LEVEL: Final = 40  # letters of all names together without rotated labels
 
 
 def figure(result: CompensationResult) -> Figure:
-    """Return the figure, 174 mm wide: position beside attitude."""
+    """Return the figure, 174 mm wide: position next to attitude."""
     with figure_style.style():
-        made = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        panels = made.subplots(1, 2)
+        chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        panels = chart.subplots(1, 2)
         for norm, axes in enumerate(panels):
             _draw(axes, result, norm)
         goal = "position" if result.mode == "position" else "position and attitude"
         title = f"{goal} corrected: {visible(result.provenance.robot, 60)} at {len(result.poses):,} poses"
         caption = "mean: error with every component at its mean; 95 %: quantile of a normal law, first order"
-        figure_style.frame(made, panels, title, caption, 75.0)
-    return made
+        figure_style.frame(chart, panels, title, caption, 75.0)
+    return chart
 
 
 def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
     part = slice(3 * norm, 3 * norm + 3)
     quantity = ("position.norm", "attitude.norm")[norm]
-    made = result.correction
-    before = np.linalg.norm(made.before[part], axis=0)
-    after = np.linalg.norm(made.after[part], axis=0)
+    correction = result.correction
+    sizes_before = np.linalg.norm(correction.before[part], axis=0)
+    sizes_after = np.linalg.norm(correction.after[part], axis=0)
     unit = WrittenUnit.of_axis(quantity, float(np.nanmax(result.within_before[norm])))
     places, marker = mark_poses(axes, result.poses, _MOST_LETTERS, _MOST_LEVEL)
     curves = (
-        (before, VERMILION, "-", "mean before"),
+        (sizes_before, VERMILION, "-", "mean before"),
         (result.within_before[norm], VERMILION, "--", "95 % of robots before"),
-        (after, BLUE, "-", "mean after"),
+        (sizes_after, BLUE, "-", "mean after"),
         (result.within_after[norm], BLUE, "--", "95 % of robots after"),
     )
     for values, colour, dashes, label in curves:
@@ -73,21 +73,21 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
 
 def compensation_chapter(result: CompensationResult) -> Chapter:
     """Return the compensation of a model as a chapter."""
-    said, rows, joints = headline(result), pose_rows(result), joint_rows(result)
+    lines, rows, joints = headline(result), pose_rows(result), joint_rows(result)
     picture = inline_figure(
         figure(result),
         "compensation",
-        f"Errors at {len(result.poses):,} poses before and after the correction: {said[0]}",
+        f"Errors at {len(result.poses):,} poses before and after the correction: {lines[0]}",
         "The error with every component at its mean, and the 95 % quantile of a normal law, first order, before and after.",
     )
     notes = [paragraph(line, class_="note") for line in (EXPLANATION, setting_lines(result)[1])]
-    listed = (
+    caption_ = (
         "The poses" if len(rows) > len(result.poses) else f"The worst {len(rows) - 1} of {len(result.poses):,} poses"
     )
     tables = [table("Corrected joint values", joints[0], joints[1:])] if len(joints) > 1 else []
-    tables.append(table(listed, rows[0], rows[1:]))
-    content = section("compensation", "Compensation", items(said), picture, *tables, *notes)
-    answers = tuple(f"Compensation: {line}" for line in said)
+    tables.append(table(caption_, rows[0], rows[1:]))
+    content = section("compensation", "Compensation", items(lines), picture, *tables, *notes)
+    answers = tuple(f"Compensation: {line}" for line in lines)
     return Chapter("compensation", "Compensation", content, answers)
 
 
@@ -122,63 +122,63 @@ class CompensationLayer:
 
     @property
     def script(self) -> str:
-        """Script of the page beside this file."""
+        """Script of the page next to this file."""
         return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: CompensationResult, error_model: ErrorModel) -> CompensationLayer:
         """Return the layer of a compensation of this model."""
-        made, poses = result.correction, result.poses
-        known = np.flatnonzero([status == "corrected" for status in made.status])
+        correction, poses = result.correction, result.poses
+        k = np.flatnonzero([status == "corrected" for status in correction.status])
         commanded = np.full((3, len(poses)), np.nan)
-        if not known.size:
+        if not k.size:
             return cls(result, None, np.empty((3, 0)), np.empty((3, 3, 0)), commanded)
-        commanded[:, known] = error_model.chain.at_columns(made.q[:, known]).pose[:3, 3] - poses.position[:, known]
-        worst = int(known[np.linalg.norm(made.before[:3, known], axis=0).argmax()])
+        commanded[:, k] = error_model.chain.at_columns(correction.q[:, k]).pose[:3, 3] - poses.position[:, k]
+        worst = int(k[np.linalg.norm(correction.before[:3, k], axis=0).argmax()])
         sides = None if poses.approaches is None else poses.approaches[:, [worst, worst]]
-        before, after = error_model.at_columns(np.stack([poses.q[:, worst], made.q[:, worst]], axis=1), sides)
+        before, after = error_model.at_columns(np.stack([poses.q[:, worst], correction.q[:, worst]], axis=1), sides)
         nominal = _joints(before.posture)
-        arms = np.stack([_displaced(before), _joints(after.posture), _displaced(after)]) - nominal
+        arms = np.stack([_displaced_arm(before), _joints(after.posture), _displaced_arm(after)]) - nominal
         return cls(result, worst, nominal, arms, commanded)
 
     def draw(self, scene: Scene, length: float) -> None:
         """Add the intended path of the tip, and the arm without error at the worst pose, as thin lines."""
         del length
-        for name, points in (("wanted", self._seen(self.result.poses.position)), ("nominal", self.nominal)):
+        for name, points in (("wanted", self._points(self.result.poses.position)), ("nominal", self.nominal)):
             scene.segments((self.name, name), np.repeat(points, 2, axis=1)[:, 1:-1], (0.1, 0.1, 0.1, 1.0))
 
     def settings(self, length: float) -> dict[str, Any]:
         """Return the lines, points and displacements by x, y, z in m, and their initial magnification."""
         if self.worst is None:
             return {"times": 1.0, "lines": []}
-        made, wanted = self.result.correction, self.result.poses.position
-        moves = {"deflected": made.before[:3], "commanded": self.commanded, "corrected": made.after[:3]}
+        correction, targets = self.result.correction, self.result.poses.position
+        moves = {"deflected": correction.before[:3], "commanded": self.commanded, "corrected": correction.after[:3]}
         lines = []
         for (name, colour, share, _), arm in zip(_LINES, self.arms, strict=True):
             # radius of the arms' rods, in lengths of the arm; corrected is the thickest, to be visible where all
             # coincide
             lines.append(_line(colour, share * 0.005 * length, self.nominal, arm))
-            lines.append(_line(colour, 0.0, self._seen(wanted), self._seen(moves[name])))
+            lines.append(_line(colour, 0.0, self._points(targets), self._points(moves[name])))
         largest = float(np.linalg.norm(self.arms, axis=1).max())
         return {"times": round_number(_LARGEST * length / largest) if largest > 0 else 1.0, "lines": lines}
 
     def legend(self) -> str:
         """Return the section of the legend: the answer, the colours, and the magnification."""
-        said = "".join(f"<p>{escaped(line[:1].upper() + line[1:])}</p>" for line in headline(self.result))
-        where = "" if self.worst is None else f" at {self.result.poses.labels[self.worst]}"
+        text = "".join(f"<p>{escaped(line[:1].upper() + line[1:])}</p>" for line in headline(self.result))
+        place = "" if self.worst is None else f" at {self.result.poses.labels[self.worst]}"
         swatches = "".join(
             f'<li class="row"><i class="line" style="background-image: linear-gradient({to_hex(colour)}, {to_hex(colour)})"></i>'
-            f"<span>{escaped(words)}</span></li>"
-            for _, colour, _, words in _LINES
+            f"<span>{escaped(label)}</span></li>"
+            for _, colour, _, label in _LINES
         )
         return (
-            f'<section aria-label="Compensation"><h2>Compensation</h2>{said}<ul class="legend controls"><li><label>'
+            f'<section aria-label="Compensation"><h2>Compensation</h2>{text}<ul class="legend controls"><li><label>'
             '<input type="checkbox" id="show-compensation" checked><i class="line"></i>'
-            f"<span>{escaped(f'arm without error{where}, and way of its tip')}</span></label></li>{swatches}</ul>"
+            f"<span>{escaped(f'arm without error{place}, and way of its tip')}</span></label></li>{swatches}</ul>"
             '<p class="fine">Displacements are drawn at <span id="compensation-times"></span> times their size.</p></section>'
         )
 
-    def _seen(self, points: Array) -> Array:
+    def _points(self, points: Array) -> Array:
         return points[:, np.isfinite(self.commanded).all(axis=0)]
 
 
@@ -187,7 +187,7 @@ def _joints(posture: Posture) -> Array:
     return np.column_stack([posture.link_poses[:, :3, 3].T, posture.pose[:3, 3]])
 
 
-def _displaced(at: PoseModel) -> Array:
+def _displaced_arm(at: PoseModel) -> Array:
     """Return base, joints and tip of the arm with every component at its mean, ``(3, K)``.
 
     The displacements E of the targets before a point, in their frames T, move it by Π T E T⁻¹.
@@ -196,13 +196,13 @@ def _displaced(at: PoseModel) -> Array:
     moves = table.displacements(table.products(table.program.evaluate(at.space.mean[:, None])))[:, :, 0]
     motions = [np.eye(4)]
     for frame, move in zip(table.frames, moves, strict=True):
-        own = se3.pose(se3.exp_rotation(move[3:]), move[:3])
-        motions.append(motions[-1] @ frame @ own @ np.linalg.inv(frame))
+        error_pose = se3.pose(se3.exp_rotation(move[3:]), move[:3])
+        motions.append(motions[-1] @ frame @ error_pose @ np.linalg.inv(frame))
     points = _joints(at.posture)
     last = points.shape[1] - 1
     places = [Part("", link, np.eye(4), 0 if link < last else None) for link in range(last + 1)]
-    moved = [motions[place.targets_before(table.targets)] @ [*points[:, place.link], 1.0] for place in places]
-    return np.column_stack(moved)[:3]
+    points_ = [motions[place.targets_before(table.targets)] @ [*points[:, place.link], 1.0] for place in places]
+    return np.column_stack(points_)[:3]
 
 
 def _line(colour: str, radius: float, points: Array, moves: Array) -> dict[str, Any]:

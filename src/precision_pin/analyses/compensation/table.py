@@ -14,10 +14,10 @@ from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import aligned
 from precision_pin.robot.joint_columns import Column, joint_columns
 
-_MOST_ROWS: Final = 20
-_MOST_LETTERS: Final = 16
-_MOST_OF_JOINT: Final = 40
-_DECIMALS: Final = 4
+_MOST_ROWS: Final = 20  # poses listed, the largest errors first
+_MOST_LETTERS: Final = 16  # of a name in a table row
+_MOST_OF_JOINT: Final = 40  # letters of a joint name with a single pose
+_DECIMALS: Final = 4  # of corrected joint values
 EXPLANATION: Final = (
     "first: what one step with the nominal Jacobian leaves; 95 %: quantile of |d| in mm of a normal law, first order"
 )
@@ -32,59 +32,59 @@ _REASONS: Final = {
 
 
 def compensation_table(result: CompensationResult) -> str:
-    """Return what the correction leaves: the worst pose first as text, then a row for each pose, mm and mrad."""
+    """Return the errors after the correction: the worst pose as text, then a row for each pose, mm and mrad."""
     rows, joints = pose_rows(result), joint_rows(result)
     lines = [*headline(result), "", *setting_lines(result), ""]
     lines += ["corrected joint values", *aligned(joints), ""] if len(joints) > 1 else []
     lines += aligned(rows)
     hidden = len(result.poses) - len(rows) + 1
     lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
-    lines += [f"{reason}: {why}" for reason, why in _REASONS.items() if reason in result.correction.status]
-    of = result.provenance
-    lines += ["", EXPLANATION, *resting_on(of.assumed, of.sources, of.origins, of.origins_at)]
+    lines += [f"{reason}: {text}" for reason, text in _REASONS.items() if reason in result.correction.status]
+    run = result.provenance
+    lines += ["", EXPLANATION, *resting_on(run.assumed, run.sources, run.origins, run.origins_at)]
     return "\n".join(lines)
 
 
 def setting_lines(result: CompensationResult) -> list[str]:
     """Return the robot, the number of poses, and what was corrected."""
-    of = result.provenance
-    goal = _CORRECTED[result.mode] if result.weights is None else "weighted position and attitude"
+    run = result.provenance
+    target = _CORRECTED[result.mode] if result.weights is None else "weighted position and attitude"
     count = len(result.poses)
     poses = f"{count:,} pose{'s' if count > 1 else ''}"
     return [
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {poses}, {goal} corrected",
-        f"error with every component at its mean, exact model, statics {of.statics}; base axes",
+        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}, {poses}, {target} corrected",
+        f"error with every component at its mean, exact model, statics {run.statics}; base axes",
     ]
 
 
 def headline(result: CompensationResult) -> list[str]:
     """Return the largest errors before and after, and the number of poses without correction."""
-    made = result.correction
-    corrected = np.array(made.status) == "corrected"
-    if not corrected.any():
-        return [f"no pose has a correction: {', '.join(dict.fromkeys(made.status))}"]
+    solution = result.correction
+    is_known = np.array(solution.status) == "corrected"
+    if not is_known.any():
+        return [f"no pose has a correction: {', '.join(dict.fromkeys(solution.status))}"]
     names = result.poses.labels
     lines = []
-    for what, part, unit in (("|d|", slice(0, 3), "mm"), ("|δ|", slice(3, 6), "mrad")):
+    for letter, part, unit in (("|d|", slice(0, 3), "mm"), ("|δ|", slice(3, 6), "mrad")):
         before, after = (
-            np.where(corrected, np.linalg.norm(error[part], axis=0), -1.0) for error in (made.before, made.after)
+            np.where(is_known, np.linalg.norm(error[part], axis=0), -1.0) for error in (solution.before, solution.after)
         )
         worst = int(before.argmax())
         lines.append(
-            f"{what} at the means: from {1e3 * before[worst]:.4g} {unit} at worst ({shown(names[worst])}) "
+            f"{letter} at the means: from {1e3 * before[worst]:.4g} {unit} at worst ({shown(names[worst])}) "
             f"to {_text(after.max())} {unit} at worst"
         )
-    before, after = (np.where(corrected, within[0], -1.0) for within in (result.within_before, result.within_after))
+    before, after = (np.where(is_known, spread[0], -1.0) for spread in (result.within_before, result.within_after))
     lines.append(
         f"95 % quantile of |d| of a normal law, first order: {1e3 * before.max():.4g} mm at the worst pose before, "
         f"{1e3 * after.max():.4g} mm after; not sampled"
     )
-    refused = int((~corrected).sum())
-    lines += [f"{refused:,} of {len(names):,} poses have no correction"] if refused else []
+    uncorrected = int((~is_known).sum())
+    lines += [f"{uncorrected:,} of {len(names):,} poses have no correction"] if uncorrected else []
     return lines
 
 
-def _listed(result: CompensationResult) -> list[int]:
+def _list_poses(result: CompensationResult) -> list[int]:
     """Return the poses of the rows: of many, those without a correction first."""
     poses = list(range(len(result.poses)))
     if len(poses) <= _MOST_ROWS:
@@ -97,16 +97,16 @@ def _listed(result: CompensationResult) -> list[int]:
 def pose_rows(result: CompensationResult) -> list[list[str]]:
     """Return a header and a row for each pose, mm and mrad: of many, those without a correction, then the worst."""
     header = ["pose", "|d| mm", "first", "after", "|δ| mrad", "after", "95 %", "after", "what remains", "status"]
-    made, labels = result.correction, result.poses.labels
+    fix, labels = result.correction, result.poses.labels
     position, attitude = slice(0, 3), slice(3, 6)
-    parts = [(error, position) for error in (made.before, made.first_order, made.after)]
-    parts += [(error, attitude) for error in (made.before, made.after)]
+    parts = [(error, position) for error in (fix.before, fix.first_order, fix.after)]
+    parts += [(error, attitude) for error in (fix.before, fix.after)]
     rows = [header]
-    for pose in _listed(result):
+    for pose in _list_poses(result):
         sizes = [float(np.linalg.norm(error[part, pose])) for error, part in parts]
-        sizes += [float(within[0, pose]) for within in (result.within_before, result.within_after)]
-        dominant = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
-        rows.append([shortened(visible(labels[pose]), _MOST_LETTERS), *map(_text, sizes), dominant, made.status[pose]])
+        sizes += [float(quantiles[0, pose]) for quantiles in (result.within_before, result.within_after)]
+        source = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
+        rows.append([shortened(visible(labels[pose]), _MOST_LETTERS), *map(_text, sizes), source, fix.status[pose]])
     return rows
 
 
@@ -128,7 +128,7 @@ def joint_rows(result: CompensationResult) -> list[list[str]]:
             *([name, unit[0], *(written(value, unit) for value in (q, to, to - q))] for name, unit, q, to in columns),
         ]
     rows = [["pose", *(f"{name} {unit}" for name, (unit, _) in zip(names, units, strict=True))]]
-    for pose in _listed(result):
+    for pose in _list_poses(result):
         cells = map(written, result.corrected[:, pose].tolist(), units)
         rows.append([shortened(visible(result.poses.labels[pose]), _MOST_LETTERS), *cells])
     return rows
@@ -147,13 +147,13 @@ def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) ->
     ``columns`` gives the columns with their units; by default times, then the chain's order, in s, degrees and mm.
     """
     times = result.poses.times
-    of = {name: result.corrected[row] for row, name in enumerate(result.joints)}
+    columns_of = {name: result.corrected[row] for row, name in enumerate(result.joints)}
     order = list(columns)
     if not order:
         order = [Column("t [s]", "")] if times is not None else []
         order += joint_columns(result.joints, result.prismatic)
     if times is not None:
-        of[""] = times
-    values = [(of[column.joint] / column.factor).tolist() for column in order]
+        columns_of[""] = times
+    values = [(columns_of[column.joint] / column.factor).tolist() for column in order]
     rows = [[repr(value) for value in row] for row in zip(*values, strict=True)]
     return csv_text([column.heading for column in order], rows)

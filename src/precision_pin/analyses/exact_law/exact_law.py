@@ -149,14 +149,14 @@ def _quantile_columns(level: float) -> list[Column]:
     head, brief = f"{100 * level:g} %" if is_shown else None, f"{100 * level:.5g} %" if is_shown else None
 
     def certain(law: ExactLaw) -> str | None:
-        known = law.shown_quantiles(12).get(level)
-        return known and _milli(known[0], law.std or 0.0, known[1])
+        quantile = law.shown_quantiles(12).get(level)
+        return quantile and _milli(quantile[0], law.std or 0.0, quantile[1])
 
     return [
         Column(certain, text=head),
         Column(
             lambda law: law.shown_quantiles(6).get(level),
-            lambda known: milli(*known),
+            lambda quantile: milli(*quantile),
             notebook=head if level != LEVELS_SHOWN[-1] else None,
             report=brief,
         ),
@@ -165,12 +165,12 @@ def _quantile_columns(level: float) -> list[Column]:
     ]
 
 
-def _milli(value: float, std: float, most: int = 12) -> str:
+def _milli(value: float, std: float, most_digits: int = 12) -> str:
     """Return the value in thousandths, to a millionth of the spread, to at least seven and at most ``most`` digits."""
     if abs(value) <= ROUNDING:
         return "0"
     digits = 7 if std <= ROUNDING else min(12, max(7, math.ceil(math.log10(abs(value) / std) + 6)))
-    return f"{1e3 * value:.{min(digits, most)}g}"
+    return f"{1e3 * value:.{min(digits, most_digits)}g}"
 
 
 LAW_COLUMNS: Final = (
@@ -247,9 +247,9 @@ class ExactLawResult(Result):
     def summary(self) -> str:
         """Text of `repr` after the arm."""
         laws = [law for pose in self.poses for law in pose.laws.values()]
-        known = sum(law.law is not None for law in laws)
+        count = sum(law.law is not None for law in laws)
         return (
-            f"poses {len(self.poses)}, {known} of {len(laws)} laws known, "
+            f"poses {len(self.poses)}, {count} of {len(laws)} laws known, "
             f"{'in agreement' if self.agrees else 'NOT in agreement'} with {self.samples:,} samples, "
             f"seed {self.provenance.seed}"
         )
@@ -258,11 +258,11 @@ class ExactLawResult(Result):
         return "Exact law of the first-order model"
 
     def _notes(self) -> list[str]:
-        of, shown = self.provenance, self.poses[:MOST_POSES]
+        run, poses = self.provenance, self.poses[:MOST_POSES]
         return [
-            *dict.fromkeys(line for pose in shown for line in missing(pose.laws.values())),
+            *dict.fromkeys(line for pose in poses for line in missing(pose.laws.values())),
             f"error of F: bound of the error of every cumulative probability; compared with {self.samples:,} samples of "
-            f"the same model, seed {of.seed}, at {100 * self.confidence:g} % confidence; statics {of.statics}",
+            f"the same model, seed {run.seed}, at {100 * self.confidence:g} % confidence; statics {run.statics}",
         ]
 
 
@@ -287,9 +287,9 @@ MOST_SAMPLES: Final = 10_000_000
 # samples drawn between two steps of the progress
 _AT_ONCE: Final = 2**16
 
-_NEGLIGIBLE: Final = 1e-12
-_BINS: Final = 60
-_EFFORT: Final = 2e7
+_NEGLIGIBLE: Final = 1e-12  # fraction of the standard deviation below which a part is omitted
+_BINS: Final = 60  # of the comparison's histogram
+_EFFORT: Final = 2e7  # evaluation cost of a law for the comparison; sets how many samples are compared
 _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 
 
@@ -325,31 +325,31 @@ def exact_law(
         >>> print(round(1e3 * x.law.quantile(0.9973), 4))
         14.7045
     """
-    chosen, known = check_request(
+    pose_list, findings = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_whole("the number of samples", samples, 100, MOST_SAMPLES)
     _check_copulas(error_model.space)
     count = int(samples)
-    with steps_to(progress, count_steps(error_model.space, len(chosen), count)) as step:
+    with steps_to(progress, count_steps(error_model.space, len(pose_list), count)) as step:
         deviations = _deviations(error_model.space, seed, count, step)
-        found = []
-        for one in chosen:
-            found.append(_at_pose(error_model, one, deviations, confidence))
+        entries = []
+        for pose in pose_list:
+            entries.append(_at_pose(error_model, pose, deviations, confidence))
             step(count)
     return ExactLawResult(
         provenance=Provenance.of(error_model, seed),
         samples=count,
         confidence=float(confidence),
-        poses=tuple(found),
-        findings=known,
-        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
+        poses=tuple(entries),
+        findings=findings,
+        warnings=list_warnings(findings, (line for entry in entries for line in entry.warnings)),
     )
 
 
-def count_steps(space: Space, poses: int, samples: int, **others: object) -> int:
+def count_steps(space: Space, poses: int, samples: int, **options: object) -> int:
     """Return the number of progress steps: samples are drawn once, and compared at each pose."""
-    del space, others
+    del space, options
     return samples * (1 + poses)
 
 
@@ -367,27 +367,27 @@ def _deviations(space: Space, seed: int, count: int, step: Callable[[int], None]
 
 
 def _at_pose(error_model: ErrorModel, pose: Pose, deviations: Array, confidence: float) -> PoseLaws:
-    at = error_model.at(pose)
-    error, jacobian = at.tangent
-    sampled = error[:, None] + jacobian @ deviations
+    model = error_model.at(pose)
+    error, jacobian = model.tangent
+    samples = error[:, None] + jacobian @ deviations
     laws: dict[str, ExactLaw] = {}
     row = 0
     for name in QUANTITIES:
         if name in _NORMS:
-            laws[name] = _norm(at, name, sampled, confidence)
+            laws[name] = _norm(model, name, samples, confidence)
         else:
-            laws[name] = _component(at.space, name, float(error[row]), jacobian[row], sampled[row], confidence)
+            laws[name] = _component(model.space, name, float(error[row]), jacobian[row], samples[row], confidence)
             row += 1
     # number of samples that are also evaluated with the exact model
-    warnings = (*map(str, turnover_findings(at)), *_find_nonlinear(at, laws, deviations[:, :10_000]))
+    warnings = (*map(str, turnover_findings(model)), *_find_nonlinear(model, laws, deviations[:, :10_000]))
     add(warnings)
-    return PoseLaws(PoseLabel.of(error_model, pose, at), laws, warnings)
+    return PoseLaws(PoseLabel.of(error_model, pose, model), laws, warnings)
 
 
-def _find_nonlinear(at: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
-    """Return a warning for each quantity whose law clearly differs from that of the exact model."""
+def _find_nonlinear(model: PoseModel, laws: dict[str, ExactLaw], deviations: Array) -> tuple[str, ...]:
+    """Return a warning for each quantity whose law clearly differs from the law of the exact model."""
     try:
-        errors = sampler.errors_at(sampler.to_arrays(at), "exact", at.space.mean[:, None] + deviations)
+        errors = sampler.errors_at(sampler.to_arrays(model), "exact", model.space.mean[:, None] + deviations)
     except InputError as error:
         return (f"the exact model could not be compared: {error.findings[0].message}",)
     lines = []
@@ -441,16 +441,16 @@ class _Share:
             return number_law.Summand(
                 part.within, part.is_bounded, part.envelope, part.characteristic, part.characteristic_error
             )
-        ends = self.ends
-        return number_law.Summand(lambda score: ends, True, np.ones_like, self._characteristic, _UNKNOWN_ERROR)
+        interval = self.ends
+        return number_law.Summand(lambda score: interval, True, np.ones_like, self._characteristic, _UNKNOWN_ERROR)
 
     def _characteristic(self, frequency: Array) -> NDArray[np.complex128]:
         """Return E exp(i ω w·(x - mean))."""
-        turn = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
-        return self.law.characteristic(self.weights[:, None] * frequency) * turn
+        phase = np.exp(-1j * frequency * float(self.weights @ self.law.mean_vector))
+        return self.law.characteristic(self.weights[:, None] * frequency) * phase
 
 
-def _component(space: Space, quantity: str, mean: float, weights: Array, sampled: Array, confidence: float) -> ExactLaw:
+def _component(space: Space, quantity: str, mean: float, weights: Array, samples: Array, confidence: float) -> ExactLaw:
     normal = np.zeros(space.size, dtype=bool)
     shares = []
     for draw, columns in zip(space.draws, space.slices, strict=True):
@@ -466,19 +466,19 @@ def _component(space: Space, quantity: str, mean: float, weights: Array, sampled
     total = math.hypot(bell_std, *(share.std for share in shares))
     if total <= ROUNDING:
         return ExactLaw(quantity, None, "does not vary at first order", mean=mean, std=0.0)
-    kept = [share for share in shares if share.std > _NEGLIGIBLE * total]
+    spread_shares = [share for share in shares if share.std > _NEGLIGIBLE * total]
     left_out = sum(share.std for share in shares if share.std <= _NEGLIGIBLE * total)
     if bell_std <= _NEGLIGIBLE * total:
         left_out, bell_std = left_out + bell_std, 0.0
-    contributors = len(kept) + (bell_std > 0)
-    law = _law_of(mean, kept, bell_std)
+    contributors = len(spread_shares) + (bell_std > 0)
+    law = _law_of(mean, spread_shares, bell_std)
     # an omitted number changes the cumulative law by at most the density times its size, a few standard deviations
     error = math.inf if isinstance(law, str) else law.error + 10 * left_out / total
     if isinstance(law, str) or error > LARGEST_ERROR:
         reason = law if isinstance(law, str) else _UNCERTIFIED
         return ExactLaw(quantity, None, reason, mean=mean, std=total, contributors=contributors)
-    known = ExactLaw(quantity, law, mean=mean, std=total, contributors=contributors, error=error)
-    return _with_samples(known, sampled, confidence)
+    exact = ExactLaw(quantity, law, mean=mean, std=total, contributors=contributors, error=error)
+    return _with_samples(exact, samples, confidence)
 
 
 _UNCERTIFIED: Final = "not certified: too few of its draws have a density (values with a probability of their own)"
@@ -486,7 +486,7 @@ _TOO_MANY: Final = (
     "not certified: {terms:,} terms leave an error of {error:.0e} in the cumulative law, more than {largest:g}; the draws "
     "combine wide tails with a characteristic function that decreases slowly"
 )
-_UNKNOWN_ERROR: Final = 1e-13
+_UNKNOWN_ERROR: Final = 1e-13  # assumed for characteristic functions without an error bound of their own
 
 
 def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> number_law.NumberLaw | str:
@@ -511,37 +511,37 @@ def _law_of(mean: float, shares: Sequence[_Share], bell_std: float) -> number_la
     return _TOO_MANY.format(terms=number_law.MOST_TERMS, error=series, largest=LARGEST_ERROR)
 
 
-def _norm(at: PoseModel, quantity: str, sampled: Array, confidence: float) -> ExactLaw:
+def _norm(model: PoseModel, quantity: str, samples: Array, confidence: float) -> ExactLaw:
     rows = _NORMS[quantity]
-    error, jacobian = at.tangent
-    covariance = at.covariance[rows, rows]
+    error, jacobian = model.tangent
+    covariance = model.covariance[rows, rows]
     total = math.sqrt(max(float(np.trace(covariance)), 0.0))
     if total <= ROUNDING:
         size = float(np.linalg.norm(error[rows]))
         return ExactLaw(quantity, None, "does not vary at first order", mean=size, std=0.0)
-    others = [
+    non_normal = [
         draw.name
-        for draw, columns in zip(at.space.draws, at.space.slices, strict=True)
+        for draw, columns in zip(model.space.draws, model.space.slices, strict=True)
         if not draw.law.is_normal
         and float(np.trace(jacobian[rows, columns] @ draw.law.covariance @ jacobian[rows, columns].T))
         > (_NEGLIGIBLE * total) ** 2
     ]
-    if others:
-        named = ", ".join(others[:2]) + (f" and {len(others) - 2} more" if len(others) > 2 else "")
-        return ExactLaw(quantity, None, f"not available: only of normal draws, and these are not: {named}")
+    if non_normal:
+        names = ", ".join(non_normal[:2]) + (f" and {len(non_normal) - 2} more" if len(non_normal) > 2 else "")
+        return ExactLaw(quantity, None, f"not available: only of normal draws, and these are not: {names}")
     law = number_law.NormalNorm(error[rows], covariance)
     mean, std = law.moments
-    known = ExactLaw(quantity, law, mean=mean, std=std, contributors=1, error=law.error)
-    return _with_samples(known, np.linalg.norm(sampled[rows], axis=0), confidence)
+    exact = ExactLaw(quantity, law, mean=mean, std=std, contributors=1, error=law.error)
+    return _with_samples(exact, np.linalg.norm(samples[rows], axis=0), confidence)
 
 
-def _with_samples(known: ExactLaw, sampled: Array, confidence: float) -> ExactLaw:
-    assert known.law is not None
-    assert known.std is not None
-    quantiles = tuple(known.law.quantile(p) for p in LEVELS)
-    bounds = number_law.quantile_bounds(known.law, np.array(LEVELS), np.array(quantiles))
-    agreement = agreement_of(known.law, np.sort(sampled), confidence, known.std)
-    return replace(known, quantiles=quantiles, quantile_errors=tuple(bounds.tolist()), agreement=agreement)
+def _with_samples(exact: ExactLaw, samples: Array, confidence: float) -> ExactLaw:
+    assert exact.law is not None
+    assert exact.std is not None
+    quantiles = tuple(exact.law.quantile(p) for p in LEVELS)
+    bounds = number_law.quantile_bounds(exact.law, np.array(LEVELS), np.array(quantiles))
+    agreement = agreement_of(exact.law, np.sort(samples), confidence, exact.std)
+    return replace(exact, quantiles=quantiles, quantile_errors=tuple(bounds.tolist()), agreement=agreement)
 
 
 def agreement_of(
@@ -554,15 +554,15 @@ def agreement_of(
     """
     count = rising.size
     step = max(1, math.ceil(2 * count * law.cost / effort))
-    looked = np.unique(np.append(np.arange(0, count, step), count - 1))
-    x = rising[looked]
+    ranks = np.unique(np.append(np.arange(0, count, step), count - 1))
+    x = rising[ranks]
     # at a value with a finite probability, samples deviate by rounding; compare on both sides of it
     shift = 1e-9 * std
-    above, below = law.cumulative(x + shift), law.cumulative(x - shift)
-    up_to = np.searchsorted(rising, x, side="right") / count
-    before = np.searchsorted(rising, x, side="left") / count
+    upper, lower = law.cumulative(x + shift), law.cumulative(x - shift)
+    right = np.searchsorted(rising, x, side="right") / count
+    left = np.searchsorted(rising, x, side="left") / count
     slack = (step - 1) / count
-    distance = float(max((up_to - above).max(), (below - before).max(), 0.0)) + slack
+    distance = float(max((right - upper).max(), (lower - left).max(), 0.0)) + slack
     counts, edges = np.histogram(rising, bins=_BINS)
     band = math.sqrt(math.log(2 / (1 - confidence)) / (2 * count))
     return Agreement(count, distance, band, confidence, slack, edges, counts)
@@ -577,14 +577,14 @@ def table(result: ExactLawResult) -> str:
     ]
     blocks = [answer_of([entry.pose for entry in result.poses], sizes, [*map(_answer, result.poses)])]
     for entry in result.poses:
-        compared = [law for law in entry.laws.values() if law.agreement]
+        laws = [law for law in entry.laws.values() if law.agreement]
         lines = [
             subject(provenance, entry.pose),
             f"exact law of the first-order model, statics {provenance.statics}; errors in base axes",
             "",
             *text_lines(LAW_COLUMNS, (law for law in entry.laws.values() if law.std is not None)),
             "",
-            *(text_lines(METHOD_COLUMNS, compared) if compared else []),
+            *(text_lines(METHOD_COLUMNS, laws) if laws else []),
             *map(one_line, (*missing(entry.laws.values()), *entry.warnings)),
         ]
         blocks.append("\n".join(lines))

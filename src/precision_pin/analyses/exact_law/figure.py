@@ -36,7 +36,7 @@ from precision_pin.render.html import Child, items, paragraph
 from precision_pin.render.tables import milli, quantity_label, symbol, unit
 from precision_pin.statistics import Distribution
 
-_HEIGHT: Final = 92.0
+_HEIGHT: Final = 92.0  # mm
 
 
 def content(result: ExactLawResult, results: Results) -> list[Child]:
@@ -44,13 +44,13 @@ def content(result: ExactLawResult, results: Results) -> list[Child]:
     laws = result.poses[0].laws
     pictures = []
     for vector in VECTORS:
-        known = [law for name, law in laws.items() if name.startswith(vector) and law.law is not None]
-        if known:
+        known_laws = [law for name, law in laws.items() if name.startswith(vector) and law.law is not None]
+        if known_laws:
             pictures.append(
                 inline_figure(
-                    _overlay(known, [results.analysis.summary.distribution(law.quantity) for law in known]),
+                    _overlay(known_laws, [results.analysis.summary.distribution(law.quantity) for law in known_laws]),
                     f"{results.prefix}exact-{vector}",
-                    f"Exact law over the sampled {vector} error: {'; '.join(_described(law) for law in known)}",
+                    f"Exact law over the sampled {vector} error: {'; '.join(_describe(law) for law in known_laws)}",
                     f"Exact law of the first-order model over the samples ({results.analysis.model} model): {vector} error.",
                 )
             )
@@ -64,15 +64,15 @@ def content(result: ExactLawResult, results: Results) -> list[Child]:
     )
     caption = f"How exact the laws are, and samples of the first-order model: band at {100 * result.confidence:g} % confidence"
     moments = [law for law in laws.values() if law.std is not None]
-    compared = [law for law in laws.values() if law.agreement]
+    compared_laws = [law for law in laws.values() if law.agreement]
     numbers = report_table("Exact law of the first-order model: moments and quantiles", LAW_COLUMNS, moments)
-    parts: list[Child] = [explained, *pictures, numbers, report_table(caption, METHOD_COLUMNS, compared)]
+    parts: list[Child] = [explained, *pictures, numbers, report_table(caption, METHOD_COLUMNS, compared_laws)]
     if absent:
         parts.append(items(absent, "note"))
     return parts
 
 
-def _described(law: ExactLaw) -> str:
+def _describe(law: ExactLaw) -> str:
     quantiles = dict(zip(LEVELS, law.quantiles, strict=True))
     return (
         f"{symbol(law.quantity)} mean {milli(law.mean or 0.0, 5)}, standard deviation {milli(law.std or 0.0, 5)}, "
@@ -83,36 +83,36 @@ def _described(law: ExactLaw) -> str:
 # picture ------------------------------------------------------------------------------------
 
 
-def _overlay(laws: Sequence[ExactLaw], sampled: Sequence[Distribution]) -> Figure:
+def _overlay(laws: Sequence[ExactLaw], distributions: Sequence[Distribution]) -> Figure:
     """Return densities above and cumulative laws below, a column for each quantity, 174 mm wide."""
     with style():
-        drawn = new_figure(DOUBLE_COLUMN)
-        panels = drawn.subplots(2, len(laws), squeeze=False, sharex="col")
-        for column, law, distribution in zip(panels.T, laws, sampled, strict=True):
+        chart = new_figure(DOUBLE_COLUMN)
+        panels = chart.subplots(2, len(laws), squeeze=False, sharex="col")
+        for column, law, distribution in zip(panels.T, laws, distributions, strict=True):
             _draw_method(column[0], column[1], law, distribution)
         for axes in panels[0, :1]:
             axes.set_ylabel(f"density [1/{unit(laws[0].quantity)}]")
         panels[1, 0].set_ylabel("cumulative probability")
-        end_figure(drawn, panels.flat, (), _HEIGHT, 3)
-    return drawn
+        end_figure(chart, panels.flat, (), _HEIGHT, 3)
+    return chart
 
 
-def _draw_method(above: Axes, below: Axes, law: ExactLaw, distribution: Distribution) -> None:
+def _draw_method(density_axes: Axes, cumulative_axes: Axes, law: ExactLaw, distribution: Distribution) -> None:
     x, density, cumulative = law.curve
     bars = distribution.histogram()
     if bars is not None:
-        above.stairs(
+        density_axes.stairs(
             bars.density / 1e3, 1e3 * bars.edges, fill=True, color=SKY, alpha=0.55, linewidth=0, label="samples"
         )
-        above.set_ylim(0, 1.15 * float(bars.density.max()) / 1e3)
+        density_axes.set_ylim(0, 1.15 * float(bars.density.max()) / 1e3)
     if np.isfinite(density).any():
-        above.plot(1e3 * x, density / 1e3, color=VERMILION, label="exact law")
+        density_axes.plot(1e3 * x, density / 1e3, color=VERMILION, label="exact law")
     values = np.linspace(x[0], x[-1], 300)
-    below.plot(1e3 * values, distribution.cumulative(values), color=SKY, linewidth=3.2)
-    below.plot(1e3 * x, cumulative, color=VERMILION)
-    below.set_ylim(0, 1.03)
-    below.set_xlabel(quantity_label(law.quantity))
-    for axes in (above, below):
+    cumulative_axes.plot(1e3 * values, distribution.cumulative(values), color=SKY, linewidth=3.2)
+    cumulative_axes.plot(1e3 * x, cumulative, color=VERMILION)
+    cumulative_axes.set_ylim(0, 1.03)
+    cumulative_axes.set_xlabel(quantity_label(law.quantity))
+    for axes in (density_axes, cumulative_axes):
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(ticks())
         axes.ticklabel_format(style="plain", useOffset=False)
@@ -126,22 +126,22 @@ def figure(result: ExactLawResult, which: int = 0) -> Figure:
         f"N = {result.samples:,}, seed {provenance.seed}, first-order model, statics {provenance.statics}",
     ]
     with style():
-        drawn = new_figure(DOUBLE_COLUMN)
-        panels = drawn.subplots(2, 3)
+        chart = new_figure(DOUBLE_COLUMN)
+        panels = chart.subplots(2, 3)
         components = [law for law in entry.laws.values() if not law.quantity.endswith("norm")]
         for axes, law in zip(panels.flat, components, strict=True):
             _draw(axes, law)
-        end_figure(drawn, panels.flat, lines, 100 + LINE_HEIGHT * (len(lines) + 1), 3)
-    return drawn
+        end_figure(chart, panels.flat, lines, 100 + LINE_HEIGHT * (len(lines) + 1), 3)
+    return chart
 
 
 def draw(axes: Axes, result: ExactLawResult, which: int, quantity: str) -> None:
     """Draw the law of a vector's length, or of its first component if the length has no exact law, on given axes."""
     laws = [law for name, law in result.poses[which].laws.items() if name.startswith(quantity)]
     sizes = [law for law in laws if law.quantity.endswith("norm") and law.law is not None]
-    known = [*sizes, *(law for law in laws if law.law is not None), *laws]
+    candidates = [*sizes, *(law for law in laws if law.law is not None), *laws]
     with style():
-        _draw(axes, known[0])
+        _draw(axes, candidates[0])
 
 
 def _draw(axes: Axes, law: ExactLaw) -> None:
@@ -149,8 +149,8 @@ def _draw(axes: Axes, law: ExactLaw) -> None:
     if law.law is None or law.agreement is None:
         axes.set_yticks([])
         axes.set_xticks([])
-        for line, words in enumerate(textwrap.wrap(one_line(law.reason, 300), 30)):
-            axes.text(0.03, 0.88 - 0.12 * line, words, transform=axes.transAxes)
+        for line, text in enumerate(textwrap.wrap(one_line(law.reason, 300), 30)):
+            axes.text(0.03, 0.88 - 0.12 * line, text, transform=axes.transAxes)
         return
     x, density, _ = law.curve
     edges, counts = law.agreement.edges, law.agreement.counts

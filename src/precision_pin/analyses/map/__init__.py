@@ -7,22 +7,22 @@ from typing import Any
 from precision_pin.analyses.declaration import OUTPUT, SAMPLING, Asked, Declaration, Files, Job, Option, PagePart
 
 
-def prepare(asked: Asked) -> Job:
+def prepare(request: Asked) -> Job:
     """Return the map of the poses of a command line."""
-    poses, options = asked.read_pose_set(), asked.options
+    poses, options = request.read_pose_set(), request.options
     # imported late: these take as long as all other imports, and reading a large file should start early
     from precision_pin.analyses.map.map_poses import check_json, count_steps, map_poses
     from precision_pin.analyses.shares import source_lines
     from precision_pin.model.error_model import ErrorModel
 
-    model = ErrorModel.from_sheet(asked.sheet)
+    model = ErrorModel.from_sheet(request.sheet)
     if options.get("json_path") is not None or options.get("out") is not None:
         is_relative = options["relative_to"] is not None
         check_json(len(poses), len(poses.q), len(source_lines(model)), len(options["specs"]), is_relative)
     names = ("samples", "seed", "relative_to", "verify")
     run = partial(
         map_poses, model, poses, **{name: options[name] for name in names},
-        specifications=options["specs"], findings=asked.sheet.findings, files={"sheet": asked.sheet.file},
+        specifications=options["specs"], findings=request.sheet.findings, files={"sheet": request.sheet.file},
     )  # fmt: skip
 
     def write(result: Any) -> tuple[str, ...]:

@@ -31,9 +31,9 @@ from precision_pin.statistics.intervals import format_interval
 
 # largest number of poses drawn as a list, with their names below the axis
 _MOST_NAMED: Final = 24
-_MOST_TICKS: Final = 6
-_MOST_LETTERS: Final = 18
-_MOST_LEVEL: Final = 60
+_MOST_TICKS: Final = 6  # of an axis
+_MOST_LETTERS: Final = 18  # of a name on the axis
+_MOST_LEVEL: Final = 60  # letters of all names together without rotated labels
 # colour and dashes of each quantile
 _STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
 # relative extent of the places across a plane or a line below which they count as lying in it
@@ -44,7 +44,7 @@ _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """How poses are drawn; ``places`` are time or number ``(1, N)``, or coordinates, m, ``(2, N)`` or ``(3, N)``."""
+    """Layout of poses; ``places`` are time or number ``(1, N)``, or coordinates, m, ``(2, N)`` or ``(3, N)``."""
 
     kind: str
     places: Array
@@ -57,32 +57,32 @@ def layout_of(poses: PoseSet, nodes: NDArray[np.intp]) -> _Layout:
     if poses.times is not None:
         return _Layout("path", poses.times[None, nodes], ("time [s]",))
     position = poses.position[:, nodes]
-    seen = np.isfinite(position).all(axis=0)
-    if (poses.node is None and count <= _MOST_NAMED) or seen.sum() < 3:
+    is_finite = np.isfinite(position).all(axis=0)
+    if (poses.node is None and count <= _MOST_NAMED) or is_finite.sum() < 3:
         return _Layout("list", np.arange(1.0, count + 1)[None], ("pose, in the order given",))
-    centred = position - position[:, seen].mean(axis=1, keepdims=True)
-    axes, sizes, _ = np.linalg.svd(centred[:, seen], full_matrices=False)
+    centred = position - position[:, is_finite].mean(axis=1, keepdims=True)
+    axes, sizes, _ = np.linalg.svd(centred[:, is_finite], full_matrices=False)
     rank = int((sizes > _FLAT * max(float(sizes[0]), 1e-12)).sum())
     if rank == 1:
-        along = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
-        return _Layout("path", (along @ position)[None], (_axis_name(along),))
+        direction = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
+        return _Layout("path", (direction @ position)[None], (_axis_name(direction),))
     if rank == 2:
         normal = axes[:, 2]
         k = int(np.abs(normal).argmax())
         if np.abs(normal[k]) > 1 - 1e-9:
-            shown = [axis for axis in range(3) if axis != k]
-            return _Layout("plane", position[shown], tuple(f"{'xyz'[axis]} [mm]" for axis in shown))
+            axis_pair = [axis for axis in range(3) if axis != k]
+            return _Layout("plane", position[axis_pair], tuple(f"{'xyz'[axis]} [mm]" for axis in axis_pair))
         first, second = axes[:, 0], axes[:, 1]
         places = np.stack([first @ position, second @ position])
         return _Layout("plane", places, (_axis_name(first), _axis_name(second)))
     return _Layout("space", position, ("x [mm]", "y [mm]", "z [mm]"))
 
 
-def _axis_name(along: Array) -> str:
-    k = int(np.abs(along).argmax())
-    if abs(along[k]) > 1 - 1e-9:
+def _axis_name(direction: Array) -> str:
+    k = int(np.abs(direction).argmax())
+    if abs(direction[k]) > 1 - 1e-9:
         return f"{'xyz'[k]} [mm]"
-    return f"along ({', '.join(f'{value:.2g}' for value in along)}) [mm]"
+    return f"along ({', '.join(f'{value:.2g}' for value in direction)}) [mm]"
 
 
 def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -> Figure:
@@ -109,33 +109,33 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
     size = symbol(f"{quantity}.norm")
     unit = WrittenUnit.of_axis(f"{quantity}.norm", max(float(np.nanmax(values)) for _, values in panels))
     with style():
-        made = new_figure(DOUBLE_COLUMN)
+        chart = new_figure(DOUBLE_COLUMN)
         is_curve = layout.kind in ("path", "list")
         if not is_curve:
-            # panels with equal axes leave room beside them: close the gap, together with their bars
-            made.set_layout_engine("compressed")
+            # panels with equal axes leave room next to them: close the gap, together with their bars
+            chart.set_layout_engine("compressed")
         subplots: dict[str, Any] = {"projection": "3d"} if layout.kind == "space" else {}
-        axes = np.atleast_1d(made.subplots(1, 1 if is_curve else len(panels), subplot_kw=subplots, squeeze=True))
-        marked = [poses[nodes] for poses in _marked(result)]
+        axes = np.atleast_1d(chart.subplots(1, 1 if is_curve else len(panels), subplot_kw=subplots, squeeze=True))
+        masks = [poses[nodes] for poses in _marks(result)]
         for place, (title, values) in enumerate(panels):
-            on = axes[0 if is_curve else place]
+            panel = axes[0 if is_curve else place]
             if is_curve:
-                _draw_curves(on, result, layout, values * unit.per_si, title, nodes)
+                _draw_curves(panel, result, layout, values * unit.per_si, title, nodes)
             else:
-                missed = [poses & (not title) for poses in marked]
-                _draw_field(made, on, layout, values[rank] * unit.per_si, missed, f"{size} [{unit.name}]")
-                on.set_title(title)
+                unmet = [poses & (not title) for poses in masks]
+                _draw_field(chart, panel, layout, values[rank] * unit.per_si, unmet, f"{size} [{unit.name}]")
+                panel.set_title(title)
         if is_curve:
             axes[0].set_ylabel(f"{size} [{unit.name}]")
             axes[0].set_ylim(bottom=0)
-        several = result.poses.node is not None and len(nodes) < len(result.poses)
-        alone = "; one branch of each place, neighbours may have others" if result.poses.node is not None else ""
-        places_shown = "; the worst branch and tool angle of each place" if several else alone
+        has_branches = result.poses.node is not None and len(nodes) < len(result.poses)
+        note = "; one branch of each place, neighbours may have others" if result.poses.node is not None else ""
+        places_shown = "; the worst branch and tool angle of each place" if has_branches else note
         caption = f"first order, closed form{places_shown}; {worst_said(result, norm, rank)}"
         what = size if is_curve else f"{100 * level:g} % of robots within {size}"
         title = f"{what}: {visible(result.provenance.robot, 60)} at {len(nodes):,} poses"
-        frame(made, axes.tolist(), title, caption, 95.0 if len(panels) == 1 and not is_curve else 80.0)
-    return made
+        frame(chart, axes.tolist(), title, caption, 95.0 if len(panels) == 1 and not is_curve else 80.0)
+    return chart
 
 
 def worst_said(result: MapResult, norm: int, rank: int) -> str:
@@ -143,22 +143,22 @@ def worst_said(result: MapResult, norm: int, rank: int) -> str:
     worst = result.worst_first[0]
     unit = ("mm", "mrad")[norm]
     low, high = 1e3 * result.quantile_bounds[rank, norm, :, worst]
-    said = (
+    text = (
         f"at {shown(result.poses.labels[worst])}, the worst{'' if result.sampled is None else ' of those sampled'}, "
         f"{1e3 * result.quantile[rank, norm, worst]:.4g} {unit}, limits whatever the laws {low:.3g} to {high:.3g} {unit}"
     )
     if result.sampled is None or worst not in result.sampled.poses:
-        return said
+        return text
     place = int(np.flatnonzero(result.sampled.poses == worst)[0])
-    ends = result.sampled.result.quantile_interval[rank, norm, :, place].tolist()
+    interval = result.sampled.result.quantile_interval[rank, norm, :, place].tolist()
     return (
-        said
-        if np.isnan(ends).any()
-        else f"{said}, sampled {' to '.join(format_interval(ends[0], ends[1], 1e3))} {unit}"
+        text
+        if np.isnan(interval).any()
+        else f"{text}, sampled {' to '.join(format_interval(interval[0], interval[1], 1e3))} {unit}"
     )
 
 
-def _marked(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _marks(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the poses ``(P,)`` at which the sampled robots miss a specification, and those left undecided."""
     order = result.judged.order.min(axis=0, initial=NOT_JUDGED)
     return order == 0, (order > 0) & (order < MET)
@@ -169,14 +169,14 @@ def _draw_curves(
 ) -> None:
     places = layout.places[0] * (1e3 if layout.names[0].endswith("[mm]") else 1.0)
     order = np.argsort(places, kind="stable")
-    few = len(places) <= _MOST_NAMED
+    is_short = len(places) <= _MOST_NAMED
     for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
         if title and level != 0.95:
             continue
         label = "median" if level == LEVELS[0] else f"{100 * level:g} % of robots"
         axes.plot(
             places[order], values[rank][order], color=BLACK if title else colour, linestyle=(0, (1, 1)) if title else dashes,
-            marker="o" if few else "", markersize=2.5, label=f"{label}, {title}" if title else label,
+            marker="o" if is_short else "", markersize=2.5, label=f"{label}, {title}" if title else label,
         )  # fmt: skip
     if title:
         return
@@ -186,13 +186,13 @@ def _draw_curves(
         axes.plot(
             places[unknown], np.zeros(unknown.sum()), "x", color=BLACK, markersize=4, label="not reached", clip_on=False
         )
-    top = values[LEVELS.index(0.95)]
-    for poses, (colour, label) in zip(_marked(result), _MARKS, strict=True):
-        at = poses[nodes]
-        if at.any():
+    quantiles = values[LEVELS.index(0.95)]
+    for poses, (colour, label) in zip(_marks(result), _MARKS, strict=True):
+        marked = poses[nodes]
+        if marked.any():
             axes.plot(
-                places[at],
-                top[at],
+                places[marked],
+                quantiles[marked],
                 "o",
                 color=colour,
                 markersize=3.5,
@@ -203,26 +203,26 @@ def _draw_curves(
     axes.set_xlabel(layout.names[0])
     if layout.kind == "list":
         labels = [shortened(visible(result.poses.labels[pose]), _MOST_LETTERS) for pose in nodes]
-        turned = sum(map(len, labels)) > _MOST_LEVEL
+        is_rotated = sum(map(len, labels)) > _MOST_LEVEL
         axes.set_xlabel("")
-        axes.set_xticks(places, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+        axes.set_xticks(places, labels, rotation=45 if is_rotated else 0, ha="right" if is_rotated else "center")
         axes.set_xlim(0.5, len(places) + 0.5)
 
 
 def _draw_field(
-    made: Figure, axes: Any, layout: _Layout, values: Array, marked: Sequence[NDArray[np.bool_]], label: str
+    chart: Figure, axes: Any, layout: _Layout, values: Array, marked: Sequence[NDArray[np.bool_]], label: str
 ) -> None:
     """Draw the values over a plane or in space, marking unreached places and missed specifications."""
     places = 1e3 * layout.places
-    known = np.isfinite(values)
-    drawn = _cells(places, values) if layout.kind == "plane" else None
-    if drawn is not None:
-        mesh = axes.pcolormesh(*drawn, cmap=_COLOURS, shading="nearest", rasterized=True)
+    is_known = np.isfinite(values)
+    cells = _cells(places, values) if layout.kind == "plane" else None
+    if cells is not None:
+        mesh = axes.pcolormesh(*cells, cmap=_COLOURS, shading="nearest", rasterized=True)
     else:
         marker, size = "s" if layout.kind == "plane" else "o", float(np.clip(6000.0 / max(len(values), 1), 4.0, 40.0))
-        mesh = axes.scatter(*places[:, known], c=values[known], cmap=_COLOURS, s=size, marker=marker)
-    if not known.all():
-        axes.scatter(*places[:, ~known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
+        mesh = axes.scatter(*places[:, is_known], c=values[is_known], cmap=_COLOURS, s=size, marker=marker)
+    if not is_known.all():
+        axes.scatter(*places[:, ~is_known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
     for poses, (colour, name) in zip(marked, _MARKS, strict=True):
         if poses.any():
             axes.scatter(*places[:, poses], c=colour, s=5, marker="o", linewidths=0.4, edgecolors=BLACK, label=name)
@@ -233,7 +233,7 @@ def _draw_field(
         axes.locator_params(nbins=_MOST_TICKS, steps=[1, 2, 5, 10])
     if layout.kind == "space":
         axes.set_zlabel(layout.names[2])
-    made.colorbar(mesh, ax=axes, label=label, shrink=0.85, pad=0.1 if layout.kind == "space" else 0.02)
+    chart.colorbar(mesh, ax=axes, label=label, shrink=0.85, pad=0.1 if layout.kind == "space" else 0.02)
 
 
 def _cells(places: Array, values: Array) -> tuple[Array, Array, Array] | None:
@@ -249,12 +249,12 @@ def _cells(places: Array, values: Array) -> tuple[Array, Array, Array] | None:
 
 
 def _section(result: MapResult) -> Html:
-    said, rows = answers(result), worst_rows(result)
+    lines, rows = answers(result), worst_rows(result)
     pictures = [
         inline_figure(
             figure(result, quantity),
             f"map-{quantity}",
-            f"Map of the {quantity} error over {len(result.poses):,} poses: {said[0]}",
+            f"Map of the {quantity} error over {len(result.poses):,} poses: {lines[0]}",
             f"Within how much {symbol} 95 % of robots stay, to first order, at the worst branch and tool angle of each place.",
         )
         for quantity, symbol in (("position", "|d|"), ("attitude", "|δ|"))
@@ -266,13 +266,13 @@ def _section(result: MapResult) -> Html:
         class_="note",
     )
     poses = table("The worst poses of the map", list(rows[0]), [list(row.values()) for row in rows])
-    return section("map", "Map", items(said), *pictures, poses, note)
+    return section("map", "Map", items(lines), *pictures, poses, note)
 
 
 def map_chapter(result: MapResult) -> Chapter:
     """Return the map as a chapter with its answers at the top: what is met at the poses may be missed on the map."""
-    said = tuple(f"On the map: {line}" for line in answers(result))
-    return Chapter("map", "Map", _section(result), said)
+    lines = tuple(f"On the map: {line}" for line in answers(result))
+    return Chapter("map", "Map", _section(result), lines)
 
 
 _CORNERS: Final = np.concatenate([np.eye(3), -np.eye(3)])
@@ -308,11 +308,11 @@ class PlacesData:
         quantile = result.quantile[LEVELS.index(0.95), 0]
         positions, place = np.unique(result.poses.position.round(_DECIMALS), axis=1, return_inverse=True)
         worst = np.full(positions.shape[1], -np.inf)
-        known = np.isfinite(quantile)
-        np.maximum.at(worst, place.ravel()[known], quantile[known])
+        is_known = np.isfinite(quantile)
+        np.maximum.at(worst, place.ravel()[is_known], quantile[is_known])
         sizes = np.where(np.isfinite(worst), worst, np.nan)
-        said = worst_said(result, 0, LEVELS.index(0.95))
-        return cls(positions, sizes, ColourScale.of(sizes[np.isfinite(sizes)]), said)
+        text = worst_said(result, 0, LEVELS.index(0.95))
+        return cls(positions, sizes, ColourScale.of(sizes[np.isfinite(sizes)]), text)
 
     @property
     def name(self) -> str:
@@ -330,26 +330,26 @@ class PlacesData:
         colours, scale = self.scale.stops, self.scale
         span = scale.largest - scale.smallest
         share = (self.sizes - scale.smallest) / span if span > 0 else np.where(np.isnan(self.sizes), np.nan, 1.0)
-        known = np.isfinite(share)
-        stops = np.rint(np.where(known, share, 0) * (len(colours) - 1)).astype(int)
+        is_known = np.isfinite(share)
+        stops = np.rint(np.where(is_known, share, 0) * (len(colours) - 1)).astype(int)
         for stop, colour in enumerate(colours):
-            chosen = known & (stops == stop)
-            _draw_marks(scene, f"level{stop}", self.positions[:, chosen], radius, (*to_rgb(colour), 1.0))
+            is_of_colour = is_known & (stops == stop)
+            _draw_marks(scene, f"level{stop}", self.positions[:, is_of_colour], radius, (*to_rgb(colour), 1.0))
         # grey
         # radius of an unreached place, relative to the others
-        _draw_marks(scene, "unreached", self.positions[:, ~known], 0.4 * radius, (0.62, 0.62, 0.62, 1.0))
+        _draw_marks(scene, "unreached", self.positions[:, ~is_known], 0.4 * radius, (0.62, 0.62, 0.62, 1.0))
 
     def legend(self) -> str:
         """Return the section of the legend: the colours, and the number of places."""
         unreached = int(np.isnan(self.sizes).sum())
-        many = "places that are" if unreached > 1 else "place that is"
-        grey = f"; grey: {unreached:,} {many} not reached" if unreached else ""
-        reached = len(self.sizes) - unreached
-        words = f"{reached:,} place{'' if reached == 1 else 's'}, coloured by the worst pose at each{grey}"
+        noun = "places that are" if unreached > 1 else "place that is"
+        grey = f"; grey: {unreached:,} {noun} not reached" if unreached else ""
+        count = len(self.sizes) - unreached
+        label = f"{count:,} place{'' if count == 1 else 's'}, coloured by the worst pose at each{grey}"
         return (
             f'<section aria-label="Map"><h2>Map: 95 % of robots within |d|, {self.scale.unit.name}</h2>'
             f'{self.scale.bar()}<ul class="legend controls"><li><label><input type="checkbox" id="show-map" checked>'
-            f'<i class="dot"></i><span>{escaped(words)}</span></label></li></ul>'
+            f'<i class="dot"></i><span>{escaped(label)}</span></label></li></ul>'
             f'<p class="fine">To first order; {escaped(self.worst)}. Places and arm are true to scale.</p></section>'
         )
 
@@ -368,5 +368,5 @@ def _radius(positions: Array, length: float) -> float:
     smallest, largest = (share * length for share in (0.004, 0.03))
     if positions.shape[1] < 2:
         return largest
-    nearest = cKDTree(positions.T).query(positions.T, k=2)[0][:, 1]
-    return float(np.clip(0.3 * np.median(nearest), smallest, largest))
+    distances = cKDTree(positions.T).query(positions.T, k=2)[0][:, 1]
+    return float(np.clip(0.3 * np.median(distances), smallest, largest))

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _NAMES: Final = ("position", "attitude")
-_MOST_ROWS: Final = 20
+_MOST_ROWS: Final = 20  # rows of the notebook's table, the worst poses first
 # bytes of a number in the JSON, and of memory while it is written
 _WRITTEN, _ENCODING = 40, 250
 
@@ -75,7 +75,7 @@ class Relative(Fixed):
         return {
             "mean": (("component",), self.mean),
             "covariance": (("component", "component_2"), self.covariance),
-            **{f"rms_{name}": ((), one) for name, one in zip(_NAMES, _rms(self.mean, self.covariance), strict=True)},
+            **{f"rms_{name}": ((), rms) for name, rms in zip(_NAMES, _rms(self.mean, self.covariance), strict=True)},
             **{f"quantile_{name}": (("level",), self.quantile[:, norm]) for norm, name in enumerate(_NAMES)},
         }
 
@@ -152,17 +152,17 @@ class MapResult(AnalysisResult):
         return self._worst_first(range(len(self.specifications)))
 
     def _worst_first(self, ranks: Sequence[int]) -> list[int]:
-        chosen = list(ranks)
+        rows = list(ranks)
         verified, size = np.zeros(len(self.poses), dtype=bool), self.quantile_bounds[LEVELS.index(0.95), 0, 1].copy()
         if self.sampled is not None:
             verified[self.sampled.poses] = True
-            within = self.sampled.result.quantile[LEVELS.index(0.95), 0]
-            size[self.sampled.poses] = np.where(np.isnan(within), size[self.sampled.poses], within)
+            quantile = self.sampled.result.quantile[LEVELS.index(0.95), 0]
+            size[self.sampled.poses] = np.where(np.isnan(quantile), size[self.sampled.poses], quantile)
         keys = [-size]
-        if chosen:
-            required = np.array([self.specifications[rank].required for rank in chosen])[:, None]
-            sampled = (self.judged.probability[chosen] - required).min(axis=0)
-            keys += [(self.probability[chosen] - required).min(axis=0), sampled, self.judged.order[chosen].min(axis=0)]
+        if rows:
+            required = np.array([self.specifications[rank].required for rank in rows])[:, None]
+            margin = (self.judged.probability[rows] - required).min(axis=0)
+            keys += [(self.probability[rows] - required).min(axis=0), margin, self.judged.order[rows].min(axis=0)]
         known = self.poses.known
         order = np.lexsort((*keys, ~verified))
         return order[known[order]].tolist()
@@ -184,8 +184,8 @@ class MapResult(AnalysisResult):
         Judged by sampled robots; ``None`` if nothing was sampled. False where a pose is outside joint limits, unless
         the model is judged ``beyond_limits``. See :attr:`verdicts`.
         """
-        met = [self._met(verdict) for verdict in self.verdicts]
-        return None if None in met else all(met)
+        flags = [self._met(verdict) for verdict in self.verdicts]
+        return None if None in flags else all(flags)
 
     def _met(self, verdict: MapVerdict) -> bool | None:
         return verdict.met if self.verdict_of(verdict) == verdict.verdict else False
@@ -247,17 +247,17 @@ class MapResult(AnalysisResult):
     @property
     def entries(self) -> list[dict[str, Any]]:
         """The poses as in the JSON."""
-        of, arrays, dominant = self.poses, self._arrays(), self.dominant_source
+        poses, arrays, dominant = self.poses, self._arrays(), self.dominant_source
         shares = arrays.pop("shares")[1]
         other = {} if self.relative is None else self.relative.arrays()
         entries = []
-        for pose, known in enumerate(of.entries(self.joints)):
+        for pose, known in enumerate(poses.entries(self.joints)):
             time = {"time": known.pop("time")} if "time" in known else {}
             entry: dict[str, Any] = known | {
-                "q": of.q[:, pose],
-                "position": of.position[:, pose],
-                "status": of.status[pose],
-                "branch": int(of.branch[pose]),
+                "q": poses.q[:, pose],
+                "position": poses.position[:, pose],
+                "status": poses.status[pose],
+                "branch": int(poses.branch[pose]),
                 **time,
                 **{name: values[..., pose] for name, (_, values) in arrays.items()},
                 "judged": self.judged.to_dict(pose),
@@ -265,8 +265,8 @@ class MapResult(AnalysisResult):
                 "shares": shares[:, pose],
             }
             if other:
-                shown = (name for name in other if not name.startswith("rms"))
-                entry["relative"] = {name: other[name][1][..., pose] for name in shown}
+                keys = (name for name in other if not name.startswith("rms"))
+                entry["relative"] = {name: other[name][1][..., pose] for name in keys}
             entries.append(entry)
         return entries
 
@@ -297,13 +297,13 @@ class MapResult(AnalysisResult):
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the map as a data frame, m and rad: a row for each pose."""
-        of, rms, dominant = self.poses, self.rms, self.dominant_source
-        specified = [f"inside {one.quantity} {one.limit:g}" for one in self.specifications]
+        poses, rms, dominant = self.poses, self.rms, self.dominant_source
+        specified = [f"inside {limit.quantity} {limit.limit:g}" for limit in self.specifications]
         rows = []
-        for pose, label in enumerate(of.labels):
-            columns: dict[str, Any] = dict(zip(self.joints, of.q[:, pose].tolist(), strict=True))
-            columns |= dict(zip("xyz", of.position[:, pose].tolist(), strict=True))
-            columns |= {"status": of.status[pose], "branch": int(of.branch[pose])}
+        for pose, label in enumerate(poses.labels):
+            columns: dict[str, Any] = dict(zip(self.joints, poses.q[:, pose].tolist(), strict=True))
+            columns |= dict(zip("xyz", poses.position[:, pose].tolist(), strict=True))
+            columns |= {"status": poses.status[pose], "branch": int(poses.branch[pose])}
             columns |= {f"mean {name}": float(self.mean[row, pose]) for row, name in enumerate(_COMPONENTS)}
             for norm, name in enumerate(_NAMES):
                 columns[f"rms {name}"] = float(rms[norm, pose])
@@ -324,49 +324,49 @@ class MapResult(AnalysisResult):
         ``relative_…``; from samples ``sampled_quantile_position`` and ``…_attitude`` with ``_lower`` and ``_upper``,
         and from verdicts ``sampled_inside`` likewise.
         """
-        of, variables = self.poses, _over_poses(self._arrays())
+        poses, variables = self.poses, _over_poses(self._arrays())
         variables["dominant_source"] = ("pose", list(self.dominant_source))
         if self.relative is not None:
-            variables |= {f"relative_{name}": one for name, one in _over_poses(self.relative.arrays()).items()}
+            variables |= {f"relative_{name}": row for name, row in _over_poses(self.relative.arrays()).items()}
         variables |= self._sampled_variables()
         coordinates: dict[str, Any] = {
-            "pose": np.arange(len(of)),
-            "pose_name": ("pose", of.labels),
-            "q": (("pose", "joint"), of.q.T),
-            "position": (("pose", "axis"), of.position.T),
-            "status": ("pose", list(of.status)),
-            "branch": ("pose", of.branch.astype(np.int32)),
+            "pose": np.arange(len(poses)),
+            "pose_name": ("pose", poses.labels),
+            "q": (("pose", "joint"), poses.q.T),
+            "position": (("pose", "axis"), poses.position.T),
+            "status": ("pose", list(poses.status)),
+            "branch": ("pose", poses.branch.astype(np.int32)),
             "joint": list(self.joints),
             "axis": list("xyz"),
             "component": list(_COMPONENTS),
             "component_2": list(_COMPONENTS),
             "level": list(LEVELS),
             "end": ["lower", "upper"],
-            "specification": [f"{one.quantity} {one.limit:g} @ {one.required:g}" for one in self.specifications],
+            "specification": [f"{s.quantity} {s.limit:g} @ {s.required:g}" for s in self.specifications],
             "source": list(self.sources),
-            **({} if of.times is None else {"time": ("pose", of.times)}),
+            **({} if poses.times is None else {"time": ("pose", poses.times)}),
         }
         return optional("xarray").Dataset(variables, coordinates, described(self.settings()))
 
     def _sampled_variables(self) -> dict[str, Any]:
         if self.sampled is None:
             return {}
-        result, chosen = self.sampled.result, self.sampled.poses
-        made: dict[str, Any] = {}
+        result, poses = self.sampled.result, self.sampled.poses
+        variables: dict[str, Any] = {}
 
         def spread(array: Array) -> Array:
             full = np.full((len(self.poses), *array.shape[:-1]), np.nan)
-            full[chosen] = np.moveaxis(array, -1, 0)
+            full[poses] = np.moveaxis(array, -1, 0)
             return full
 
         for norm, name in enumerate(_NAMES):
             low, high = result.quantile_interval[:, norm, 0], result.quantile_interval[:, norm, 1]
-            for suffix, array in (("", result.quantile[:, norm]), ("_lower", low), ("_upper", high)):
-                made[f"sampled_quantile_{name}{suffix}"] = (("pose", "level"), spread(array))
-        of = self.judged
-        for suffix, array in (("", of.probability), ("_lower", of.interval[:, 0]), ("_upper", of.interval[:, 1])):
-            made[f"sampled_inside{suffix}"] = (("pose", "specification"), array.T)
-        return made
+            for end, array in (("", result.quantile[:, norm]), ("_lower", low), ("_upper", high)):
+                variables[f"sampled_quantile_{name}{end}"] = (("pose", "level"), spread(array))
+        data = self.judged
+        for end, array in (("", data.probability), ("_lower", data.interval[:, 0]), ("_upper", data.interval[:, 1])):
+            variables[f"sampled_inside{end}"] = (("pose", "specification"), array.T)
+        return variables
 
     def to_netcdf(self, path: str | os.PathLike[str]) -> None:
         """Write :meth:`to_xarray` as a netCDF file, atomically.
@@ -405,12 +405,12 @@ class MapResult(AnalysisResult):
             numbers = [milli(float(self.quantile[rank, norm, pose])) for norm in (0, 1) for rank in range(len(LEVELS))]
             shares = [percent(float(share)) for share in self.probability[:, pose]]
             rows.append([labels[pose], *numbers, *shares, dominant[pose]])
-        within = [f"{100 * level:g} %" for level in LEVELS[1:]]
-        inside = [f"spec {rank}" for rank in range(1, len(self.specifications) + 1)]
-        columns = ["pose", "median |d| [mm]", *within, "median |δ| [mrad]", *within, *inside, "dominant source"]
-        of = self.provenance
-        title = f"Map of {of.robot}: {of.base} to {of.tip}, {len(self.poses):,} poses, the worst first"
-        notes = [f"first order, statics {of.statics}; base axes", *self.warnings]
+        heads = [f"{100 * level:g} %" for level in LEVELS[1:]]
+        specs = [f"spec {rank}" for rank in range(1, len(self.specifications) + 1)]
+        columns = ["pose", "median |d| [mm]", *heads, "median |δ| [mrad]", *heads, *specs, "dominant source"]
+        run = self.provenance
+        title = f"Map of {run.robot}: {run.base} to {run.tip}, {len(self.poses):,} poses, the worst first"
+        notes = [f"first order, statics {run.statics}; base axes", *self.warnings]
         return rendered(title, [Table(columns, rows)], notes)
 
 
@@ -422,12 +422,12 @@ def _over_poses(arrays: Mapping[str, tuple[tuple[str, ...], Array]]) -> dict[str
 def check_json(poses: int, joints: int, sources: int, specifications: int, is_relative: bool) -> None:
     """Raise InputError for a map whose JSON is too large to be made or to be read again."""
     numbers = poses * (71 + joints + sources + 8 * specifications + 54 * is_relative)
-    what = f"the JSON of a map of {poses:,} poses"
+    content = f"the JSON of a map of {poses:,} poses"
     instead = "write it as netCDF (--netcdf, to_netcdf), or map fewer poses"
     if _WRITTEN * numbers > LARGEST_FILE:
         size = f"{_WRITTEN * numbers / 1e9:,.1f} GB long; up to {LARGEST_FILE / 1e9:,.1f} GB are read again"
-        raise InputError(f"{what} is about {size}; {instead}")
-    check_memory(float(_ENCODING * numbers), what, instead)
+        raise InputError(f"{content} is about {size}; {instead}")
+    check_memory(float(_ENCODING * numbers), content, instead)
 
 
 def _rms(mean: Array, covariance: Array) -> Array:
@@ -437,9 +437,9 @@ def _rms(mean: Array, covariance: Array) -> Array:
 
 VERIFIED: Final = 5
 """Default number of poses verified with fresh samples, the worst ones in closed form."""
-VERIFYING_SAMPLES: Final = 20_000
+VERIFYING_SAMPLES: Final = 20_000  # new robots at each verified pose
 _NORMS: Final = ((0, 1, 2), (3, 4, 5))
-_DOUBTED: Final = 0.1
+_DOUBTED: Final = 0.1  # relative change of the closed form that causes a warning
 # poses whose quantiles and bounds are computed between two progress steps
 _AT_ONCE: Final = 2048
 
@@ -502,31 +502,31 @@ def map_poses(
         >>> print(poses.names[result.worst_first[0]], (1e3 * result.quantile[1, 0]).round(1))
         -30° [104.7  86.5  46.8]
     """
-    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    findings = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     if samples is not None:
         check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     check_whole("verify, a number of poses,", verify, 0, 10_000)
     if journal is not None and samples is None:
         raise InputError("a journal keeps sampled poses; give the number of samples too, or leave the journal out")
-    listed = listed_specifications(specifications)
-    given = pose_set(error_model, poses)
+    limits = listed_specifications(specifications)
+    pose_list = pose_set(error_model, poses)
     lines = source_lines(error_model)
-    vectors = list(dict.fromkeys((*_NORMS, *(limit.components for limit in listed))))
-    _check_size(given, len(lines), len(vectors), is_relative=relative_to is not None)
-    if not given.known.any():
-        raise InputError(f"none of the {len(given):,} poses has joint values: {given.counts}")
+    vectors = list(dict.fromkeys((*_NORMS, *(limit.components for limit in limits))))
+    _check_size(pose_list, len(lines), len(vectors), is_relative=relative_to is not None)
+    if not pose_list.known.any():
+        raise InputError(f"none of the {len(pose_list):,} poses has joint values: {pose_list.counts}")
     reference = None if relative_to is None else error_model.at(relative_to)
-    values = given.q[:, given.known]
-    labels = given.labels
-    known_labels = [label for label, is_known in zip(labels, given.known, strict=True) if is_known]
-    approaches = None if given.approaches is None else given.approaches[:, given.known]
-    found = (
-        *(error_model.chain.collision_notes if given.obstructed else ()),
+    values = pose_list.q[:, pose_list.known]
+    labels = pose_list.labels
+    known_labels = [label for label, is_known in zip(labels, pose_list.known, strict=True) if is_known]
+    approaches = None if pose_list.approaches is None else pose_list.approaches[:, pose_list.known]
+    new_findings = (
+        *(error_model.chain.collision_notes if pose_list.obstructed else ()),
         *pose_findings(error_model.chain, values, known_labels),
         *exact_findings(error_model, values, approaches),
     )
-    judges = samples is None and verify > 0 and bool(listed)
-    steps = count_steps(len(given), samples, verify, judged=judges)
+    judges = samples is None and verify > 0 and bool(limits)
+    steps = count_steps(len(pose_list), samples, verify, judged=judges)
     # the worst of the judged poses is a biased choice, so other robots verify it
     check = int(seed) ^ (1 << 63)
     with steps_to(progress, steps, "steps") as step, unheard():
@@ -534,52 +534,52 @@ def map_poses(
         # half of the steps for the moments of all poses, half for their quantiles and bounds
         halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]
         closed = first_order(error_model, values, approaches, lines, reference, halves[0], vectors)
-        arrays = _closed_form(given, closed, vectors, listed, reference, halves[1])
-        found = (*found, *_doubts(closed, known_labels))
+        arrays = _closed_form(pose_list, closed, vectors, limits, reference, halves[1])
+        new_findings = (*new_findings, *_normality_warnings(closed, known_labels))
         result = MapResult(
             provenance=Provenance.of(error_model, seed),
             joints=tuple(error_model.chain.joint_names),
-            poses=given,
-            specifications=listed,
-            judged=Judged.nothing(len(listed), len(given)),
+            poses=pose_list,
+            specifications=limits,
+            judged=Judged.nothing(len(limits), len(pose_list)),
             sources=tuple(line.name for line in lines),
-            grounds=grounds_at(error_model, values, known_labels, unreached=given.unreached),
+            grounds=grounds_at(error_model, values, known_labels, unreached=pose_list.unreached),
             confidence=confidence,
-            findings=known,
-            warnings=tuple(dict.fromkeys(map(str, (*known, *found)))),
+            findings=findings,
+            warnings=tuple(dict.fromkeys(map(str, (*findings, *new_findings)))),
             **arrays,
         )
 
         def sample(
-            chosen: NDArray[np.intp], count: int, of: float, step: Progress, seed: int = check, **options: Any
+            ranks: NDArray[np.intp], count: int, of: float, step: Progress, seed: int = check, **options: Any
         ) -> Sampled:
             sampled = sample_poses(
-                error_model, approached(given.take(chosen)), samples=count, seed=seed, specifications=listed,
+                error_model, approached(pose_list.take(ranks)), samples=count, seed=seed, specifications=limits,
                 confidence=of, threads=threads, processes=processes, executor=executor, tasks_under_way=tasks_under_way,
                 progress=step, **options,
             )  # fmt: skip
-            return Sampled(chosen, replace(sampled, names=tuple(labels[k] for k in chosen)))
+            return Sampled(ranks, replace(sampled, names=tuple(labels[k] for k in ranks)))
 
         if judges:
-            judged = Judged.in_rounds(sample, given.known, len(listed), confidence, step)
+            judged = Judged.in_rounds(sample, pose_list.known, len(limits), confidence, step)
             result = replace(result, judged=judged)
         worst = np.array(result.worst_first[:verify], dtype=np.intp)
         if samples is not None:
-            every = sample(
-                np.flatnonzero(given.known), samples, confidence, step, seed,
+            all_poses = sample(
+                np.flatnonzero(pose_list.known), samples, confidence, step, seed,
                 journal=journal, resume=resume, files=files, tell=tell,
             )  # fmt: skip
-            result = replace(result, sampled=every, judged=result.judged.taking(every))
+            result = replace(result, sampled=all_poses, judged=result.judged.taking(all_poses))
         elif len(worst):
-            most = max(VERIFYING_SAMPLES, int(result.judged.samples[worst].max()))
-            advance = scaled(step, most * len(worst), VERIFYING_SAMPLES * len(worst))
-            sampled = sample(worst, most, confidence, advance, seed)
+            robots = max(VERIFYING_SAMPLES, int(result.judged.samples[worst].max()))
+            advance = scaled(step, robots * len(worst), VERIFYING_SAMPLES * len(worst))
+            sampled = sample(worst, robots, confidence, advance, seed)
             result = replace(result, sampled=sampled, judged=result.judged.taking(sampled, again=judges))
     # statics are checked at the most strained poses; each check solves the deflected arm
     highest = result.worst_first[0]
-    pose = approached(given.take(np.array([highest])))[0]
+    pose = approached(pose_list.take(np.array([highest])))[0]
     strained = strained_findings(error_model, pose, labels[highest], first_order=samples is None)
-    add((*found, *strained))
+    add((*new_findings, *strained))
     return replace(result, warnings=(*result.warnings, *map(str, strained)))
 
 
@@ -587,8 +587,8 @@ def _check_size(poses: PoseSet, sources: int, vectors: int, *, is_relative: bool
     """Raise InputError if the map does not fit into memory."""
     # the bounds of a vector have 25 numbers; relative errors have as many as absolute ones
     moments = sources + 25 * vectors + 42 * (1 + is_relative)
-    # computed in parts beside the joints' frames and Jacobians of all poses, then joined
-    # bytes of a pose beside its moments: names, quantiles and their bounds
+    # computed in parts, in addition to the joints' frames and Jacobians of all poses, then joined
+    # bytes of a pose without its moments: names, quantiles and their bounds
     needed = 8 * (moments + max(moments, 29 * len(poses.q) + 22)) + 700
     check_memory(float(needed * len(poses)), f"a map of {len(poses):,} poses", "map fewer of them at a time")
 
@@ -609,30 +609,30 @@ def _closed_form(
     reference: PoseModel | None,
     step: Progress,
 ) -> dict[str, Any]:
-    known = poses.known
+    is_known = poses.known
 
     def spread(array: Array) -> Array:
         """Return an array over the known poses as one over all, NaN elsewhere."""
         full = np.full((*array.shape[:-1], len(poses)), np.nan)
-        full[..., known] = array
+        full[..., is_known] = array
         return full
 
     count = closed.mean.shape[1]
-    levels, chosen = len(LEVELS), [vectors.index(one.components) for one in specifications]
+    levels, vector_ranks = len(LEVELS), [vectors.index(specification.components) for specification in specifications]
     quantiles, bounds = np.empty((levels, 2, count)), np.empty((levels, 2, 2, count))
-    probabilities, limits = np.empty((len(chosen), count)), np.empty((len(chosen), 2, count))
+    probabilities, limits = np.empty((len(vector_ranks), count)), np.empty((len(vector_ranks), 2, count))
     relative_quantiles = np.empty((levels, 2, closed.relative_mean.shape[1]))
     for first in range(0, count, _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         mean, covariance = closed.mean[:, part], closed.covariance[:, :, part]
-        laws, bounded = _laws(mean, covariance), [one.of(part) for one in closed.vectors]
+        laws, bounded = _laws(mean, covariance), [entry.of(part) for entry in closed.vectors]
         quantiles[:, :, part] = _quantiles(laws)
         for rank, norm in np.ndindex(levels, 2):
             known_quantile = quantiles[rank, norm, part]
             bounds[rank, norm, :, part] = bounded[norm].quantile_bounds(LEVELS[rank], known_quantile)
         probabilities[:, part] = _probabilities(mean, covariance, laws, specifications)
-        for rank, (one, vector) in enumerate(zip(specifications, chosen, strict=True)):
-            limits[rank, :, part] = bounded[vector].share_bounds(one.limit)
+        for rank, (specification, vector) in enumerate(zip(specifications, vector_ranks, strict=True)):
+            limits[rank, :, part] = bounded[vector].share_bounds(specification.limit)
         if reference is not None:
             of_relative = closed.relative_mean[:, part], closed.relative_covariance[:, :, part]
             relative_quantiles[:, :, part] = _quantiles(_laws(*of_relative))
@@ -646,16 +646,16 @@ def _closed_form(
     return {name: spread(values) for name, values in arrays.items()} | {"relative": relative}
 
 
-def _doubts(closed: FirstOrder, labels: Sequence[str]) -> tuple[Finding, ...]:
+def _normality_warnings(closed: FirstOrder, labels: Sequence[str]) -> tuple[Finding, ...]:
     """Return a warning where laws far from normal change the closed form by `_DOUBTED` or more."""
     by_laws, as_normal = closed.vectors[0].gamma_quantiles(LEVELS[-1])
     change = by_laws / np.maximum(as_normal, 1e-300) - 1
-    doubted = np.abs(change) >= _DOUBTED
-    if not doubted.any():
+    doubtful = np.abs(change) >= _DOUBTED
+    if not doubtful.any():
         return ()
     worst = int(np.abs(change).argmax())
     message = (
-        f"the tolerances' laws are not normal: at {int(doubted.sum()):,} of {change.size:,} poses the closed form of the map is "
+        f"the tolerances' laws are not normal: at {int(doubtful.sum()):,} of {change.size:,} poses the closed form of the map is "
         f"off by {_DOUBTED:.0%} or more of what {LEVELS[-1]:.2%} of robots keep, most at {labels[worst] or f'pose {worst + 1}'}, "
         f"where |d| is some {abs(change[worst]):.0%} {'larger' if change[worst] > 0 else 'smaller'}; rely on what is sampled, "
         "or sample every pose with --samples"
@@ -677,17 +677,17 @@ def _quantiles(laws: _Laws) -> Array:
 def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: Sequence[Specification]) -> Array:
     poses = mean.shape[1]
     shares = np.zeros((len(specifications), poses))
-    for share, one in zip(shares, specifications, strict=True):
-        if one.components in _NORMS:
-            law = laws[_NORMS.index(one.components)]
-            share[:] = norm_probabilities(*law, np.full(poses, one.limit))
+    for share, specification in zip(shares, specifications, strict=True):
+        if specification.components in _NORMS:
+            law = laws[_NORMS.index(specification.components)]
+            share[:] = norm_probabilities(*law, np.full(poses, specification.limit))
         else:
-            (row,) = one.components
-            share[:] = _inside(mean[row], np.sqrt(np.maximum(covariance[row, row], 0.0)), one.limit)
+            (row,) = specification.components
+            share[:] = _normal_fraction(mean[row], np.sqrt(np.maximum(covariance[row, row], 0.0)), specification.limit)
     return shares
 
 
-def _inside(mean: Array, std: Array, limit: float) -> Array:
+def _normal_fraction(mean: Array, std: Array, limit: float) -> Array:
     safe = np.where(std > 0, std, 1.0)
-    inside: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
-    return np.where(std > 0, inside, (np.abs(mean) <= limit).astype(float))
+    fraction: Array = special.ndtr((limit - mean) / safe) - special.ndtr((-limit - mean) / safe)
+    return np.where(std > 0, fraction, (np.abs(mean) <= limit).astype(float))

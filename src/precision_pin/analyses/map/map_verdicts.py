@@ -42,9 +42,9 @@ class Sampled:
     @property
     def verdicts(self) -> NDArray[np.intp]:
         """Rank of each verdict, worst first, ``(S, K)``."""
-        of = self.result.specification_results
-        found = [[(*_WORST_FIRST, "not judged").index(one.verdict) for one in every.results] for every in of]
-        return np.array(found, dtype=np.intp).reshape(len(of), len(self.poses))
+        specs = self.result.specification_results
+        codes = [[(*_WORST_FIRST, "not judged").index(result.verdict) for result in spec.results] for spec in specs]
+        return np.array(codes, dtype=np.intp).reshape(len(specs), len(self.poses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,16 +93,16 @@ class Judged(Fixed):
         """
         judged = cls.nothing(specifications, known.size)
         of_round = 1 - (1 - confidence) / len(ROUNDS)
-        left = np.flatnonzero(known)
+        undecided_poses = np.flatnonzero(known)
         for count in ROUNDS:
-            advance = scaled(step, count * left.size, FIRST_ROUND * known.size)
-            for begin in range(0, left.size, _TOGETHER):
-                chosen = left[begin : begin + _TOGETHER]
+            advance = scaled(step, count * undecided_poses.size, FIRST_ROUND * known.size)
+            for begin in range(0, undecided_poses.size, _TOGETHER):
+                chosen = undecided_poses[begin : begin + _TOGETHER]
                 judged = judged.taking(sample(chosen, count, of_round, advance))
             undecided = judged.order == _UNDECIDED
             if count == ROUNDS[-2]:
                 undecided &= (judged.order > 0).all(axis=1, keepdims=True)
-            left = left[undecided[:, left].any(axis=0)]
+            undecided_poses = undecided_poses[undecided[:, undecided_poses].any(axis=0)]
         return judged
 
     def taking(self, sampled: Sampled, *, again: bool = False) -> Judged:
@@ -110,13 +110,13 @@ class Judged(Fixed):
 
         With ``again``, for verifying samples, the worse of both verdicts holds, with the numbers of these samples.
         """
-        poses, result, found = sampled.poses, sampled.result, sampled.verdicts
+        poses, result, verdicts = sampled.poses, sampled.result, sampled.verdicts
         samples, order = self.samples.copy(), self.order.copy()
         probability, interval = self.probability.copy(), self.interval.copy()
-        before = order[:, poses]
-        takes = np.isin(before, (_UNDECIDED, NOT_JUDGED)) | again
+        old = order[:, poses]
+        takes = np.isin(old, (_UNDECIDED, NOT_JUDGED)) | again
         samples[poses] = result.samples
-        order[:, poses] = np.where(takes, np.minimum(found, before if again else NOT_JUDGED), before)
+        order[:, poses] = np.where(takes, np.minimum(verdicts, old if again else NOT_JUDGED), old)
         probability[:, poses] = np.where(takes, result.probability, probability[:, poses])
         interval[:, :, poses] = np.where(takes[:, None], result.probability_interval, interval[:, :, poses])
         return Judged(samples, probability, interval, order)
@@ -134,10 +134,10 @@ class Judged(Fixed):
 
     def verdicts(self, pose: int) -> list[Verdict]:
         """Return the verdict on each specification at a pose."""
-        return [_named(order) for order in self.order[:, pose].tolist()]
+        return [_name_pose(order) for order in self.order[:, pose].tolist()]
 
 
-def _named(order: int) -> Verdict:
+def _name_pose(order: int) -> Verdict:
     return "not judged" if order == NOT_JUDGED else _WORST_FIRST[order]
 
 
@@ -200,34 +200,34 @@ def map_verdicts(
     ``probability`` and ``bounds`` are closed-form, ``(S, P)`` and ``(S, 2, P)``, NaN for unknown poses; ``worst_first``
     lists the indices of the known poses for each specification; ``sampled`` verifies.
     """
-    made = []
-    for rank, (one, order) in enumerate(zip(specifications, worst_first, strict=True)):
+    verdicts = []
+    for rank, (specification, order) in enumerate(zip(specifications, worst_first, strict=True)):
         worst, codes = order[0], judged.order[rank, order]
         result = None
         if sampled is not None and worst in sampled.poses:
             of_poses = sampled.result.specification_results[rank].results
             result = of_poses[int(np.flatnonzero(sampled.poses == worst)[0])]
         open_at = np.array(order)[codes == _UNDECIDED]
-        made.append(
+        verdicts.append(
             MapVerdict(
-                one, worst, float(probability[rank, worst]), tuple(bounds[rank, :, worst].tolist()), result,
-                _named(int(codes.min())), int((codes == MET).sum()), open_at.size,
+                specification, worst, float(probability[rank, worst]), tuple(bounds[rank, :, worst].tolist()), result,
+                _name_pose(int(codes.min())), int((codes == MET).sum()), open_at.size,
                 int((codes < NOT_JUDGED).sum()), int(judged.samples.max()),
-                _needed(judged.probability[rank, open_at], one.required),
+                _required_samples(judged.probability[rank, open_at], specification.required),
             )
         )  # fmt: skip
-    return tuple(made)
+    return tuple(verdicts)
 
 
-def _needed(shares: Array, required: float) -> int | None:
+def _required_samples(shares: Array, required: float) -> int | None:
     """Return how many robots would decide each of some fractions, rounded up to two digits; ``None`` beyond 10⁹."""
     if not shares.size:
         return None
     score = float(special.ndtri(0.99))
     with np.errstate(divide="ignore"):
         counts = score**2 * required * (1 - required) / (shares - required) ** 2
-    most = max(float(counts.max()), math.log(0.025) / math.log(required))
-    if not most < 1e9:
+    count = max(float(counts.max()), math.log(0.025) / math.log(required))
+    if not count < 1e9:
         return None
-    place = 10.0 ** max(math.floor(math.log10(most)) - 1, 0)
-    return int(math.ceil(most / place) * place)
+    place = 10.0 ** max(math.floor(math.log10(count)) - 1, 0)
+    return int(math.ceil(count / place) * place)

@@ -21,7 +21,7 @@ from precision_pin.statistics.intervals import format_interval
 _MOST_ROWS: Final = 12
 # number of poses listed otherwise, worst first
 _WORST_ROWS: Final = 10
-_MOST_LETTERS: Final = 17
+_MOST_LETTERS: Final = 17  # of a name in a table row
 # smallest fraction resolved by the closed form: its integral is accurate to this
 _SMALLEST: Final = 1e-7
 _LEVEL: Final = LEVELS.index(0.95)
@@ -30,27 +30,27 @@ _UPPER: Final = tuple(enumerate(LEVELS))[1:]
 
 def map_table(result: MapResult) -> str:
     """Return the summary for a designer, worst pose and verdicts, then a row for each of the worst poses."""
-    of = result.provenance
+    run = result.provenance
     count = len(result.poses)
     rows = worst_rows(result)
     poses = f"{count:,} pose{'' if count == 1 else 's'}"
     lines = [
         *answers(result),
         "",
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, map of {poses}: {result.poses.counts}",
-        f"closed form, first order, normal error, statics {of.statics}; {_sampling(result)}",
+        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}, map of {poses}: {result.poses.counts}",
+        f"closed form, first order, normal error, statics {run.statics}; {_describe_sampling(result)}",
         "",
         *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),
     ]
-    more = len(result.worst_first) - len(_listed(result))
+    hidden_count = len(result.worst_first) - len(_list_poses(result))
     marks = "spec: share inside, * not met, ? undecided; " if result.specifications else ""
-    lines += [f"and {more:,} more poses: --json FILE writes all"] if more else []
+    lines += [f"and {hidden_count:,} more poses: --json FILE writes all"] if hidden_count else []
     lines += [
         "",
         "quantiles of |d| in mm, |δ| in mrad, closed form; limits: of the exact 95 %, whatever the laws;",
         f"sampled: its interval; {marks}cause: of most variance",
     ]
-    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
+    lines += resting_on(run.assumed, run.sources, run.origins, run.origins_at)
     return "\n".join(lines)
 
 
@@ -61,21 +61,21 @@ def answers(result: MapResult) -> list[str]:
 
 def worst_rows(result: MapResult) -> list[dict[str, str]]:
     """Return the cells of the worst poses by their headings; of all if they are few."""
-    return [_cells(result, pose) for pose in _listed(result)]
+    return [_cells(result, pose) for pose in _list_poses(result)]
 
 
-def _sampling(result: MapResult) -> str:
+def _describe_sampling(result: MapResult) -> str:
     if result.sampled is None:
         return "nothing was sampled"
     sampled, judged = result.sampled.result, result.judged.samples
     known = len(result.worst_first)
-    every = len(result.sampled.poses) == known
-    which = "every pose" if every else f"the {len(result.sampled.poses):,} worst"
-    said = f"{which} sampled: {sampled.samples:,} robots, seed {sampled.seed}, {result.confidence:.0%} intervals"
-    if every or not result.specifications:
-        return said
-    least, most = int(judged[judged > 0].min()), int(judged.max())
-    return f"every pose judged by {least:,}{f' to {most:,}' if most > least else ''} robots, {said}"
+    is_complete = len(result.sampled.poses) == known
+    poses = "every pose" if is_complete else f"the {len(result.sampled.poses):,} worst"
+    text = f"{poses} sampled: {sampled.samples:,} robots, seed {sampled.seed}, {result.confidence:.0%} intervals"
+    if is_complete or not result.specifications:
+        return text
+    smallest, largest = int(judged[judged > 0].min()), int(judged.max())
+    return f"every pose judged by {smallest:,}{f' to {largest:,}' if largest > smallest else ''} robots, {text}"
 
 
 def _worst(result: MapResult) -> list[str]:
@@ -83,13 +83,13 @@ def _worst(result: MapResult) -> list[str]:
     of_all = result.quantile[_LEVEL, 0, result.poses.known]
     norms = [f"{milli(float(result.quantile[rank, 0, worst]), 4)} mm for {100 * level:.4g} %" for rank, level in _UPPER]
     lines = [f"worst pose {shown(result.poses.labels[worst])}: |d| within {', '.join(norms)} of robots in closed form"]
-    sampled = _sampled(result, worst, _LEVEL), _sampled(result, worst, len(LEVELS) - 1)
+    sampled = _interval(result, worst, _LEVEL), _interval(result, worst, len(LEVELS) - 1)
     if "-" not in sampled:
         lines[0] += f", {sampled[0]} and {sampled[1]} mm sampled"
     if len(of_all) > 1:
-        least, middle, most = (f"{1e3 * value:.4g}" for value in np.quantile(of_all, (0, 0.5, 1)))
-        over = f"{least} to {most} mm, median {middle} mm"
-        lines.append(f"95 % of robots within |d| over the poses: {over}, in closed form")
+        smallest, middle, largest = (f"{1e3 * value:.4g}" for value in np.quantile(of_all, (0, 0.5, 1)))
+        extent = f"{smallest} to {largest} mm, median {middle} mm"
+        lines.append(f"95 % of robots within |d| over the poses: {extent}, in closed form")
     if result.relative is not None:
         relative = np.where(result.poses.known, result.relative.quantile[_LEVEL, 0], -1.0)
         pose = int(relative.argmax())
@@ -98,8 +98,8 @@ def _worst(result: MapResult) -> list[str]:
             f"({shown(result.poses.labels[pose])}), in closed form"
         )
     if result.unknown:
-        why = ", or the arm hits something there," if set(OBSTRUCTED) & set(result.poses.status) else ""
-        lines.append(f"{result.unknown:,} of {len(result.poses):,} poses cannot be reached{why} and are not judged")
+        cause = ", or the arm hits something there," if set(OBSTRUCTED) & set(result.poses.status) else ""
+        lines.append(f"{result.unknown:,} of {len(result.poses):,} poses cannot be reached{cause} and are not judged")
     return lines
 
 
@@ -108,65 +108,65 @@ def _verdict(result: MapResult, verdict: MapVerdict) -> str:
     if result.grounds.not_judged:
         return f"{demand}{result.grounds.said('not judged')}"
     demand += f"{verdict.verdict.upper()}{result.grounds.taken if verdict.met else ''}"
-    where = shown(result.poses.labels[verdict.worst])
+    place = shown(result.poses.labels[verdict.worst])
     if verdict.sampled is None:
-        return f"{demand} - nothing was sampled; worst {where}, {_share(verdict.share)} inside in closed form"
-    of = verdict.sampled
-    share, low, high = format_share(of.probability, of.interval, of.required)
-    said = (
-        f"{demand} - worst {where}, {share} % inside, interval {low} to {high} %, {_share(verdict.share)} in closed form; "
+        return f"{demand} - nothing was sampled; worst {place}, {_share(verdict.share)} inside in closed form"
+    judged = verdict.sampled
+    share, low, high = format_share(judged.probability, judged.interval, judged.required)
+    text = (
+        f"{demand} - worst {place}, {share} % inside, interval {low} to {high} %, {_share(verdict.share)} in closed form; "
         f"met at {verdict.met_at:,} of {verdict.judged:,} poses"
     )
     if not verdict.undecided_at:
-        return said
+        return text
     needed = f"about --samples {verdict.needed} would decide"
-    more = needed if verdict.needed else "too close to what is required to decide"
-    return f"{said}, undecided at {verdict.undecided_at:,} by up to {verdict.most_samples:,} robots: {more}"
+    advice = needed if verdict.needed else "too close to what is required to decide"
+    return f"{text}, undecided at {verdict.undecided_at:,} by up to {verdict.most_samples:,} robots: {advice}"
 
 
-def _listed(result: MapResult) -> list[int]:
+def _list_poses(result: MapResult) -> list[int]:
     worst = result.worst_first
     return sorted(worst) if len(worst) <= _MOST_ROWS else worst[:_WORST_ROWS]
 
 
 def _cells(result: MapResult, pose: int) -> dict[str, str]:
-    """Return the cells of a row by their headings; the least important ones are left out to fit a terminal."""
-    several = len(result.specifications) > 1
+    """Return the cells of a row by their headings; the least important are omitted to fit a terminal."""
+    has_several = len(result.specifications) > 1
     cells = {"pose": shortened(visible(result.poses.labels[pose]), _MOST_LETTERS)}
     if result.relative is None and not result.specifications:
         cells["median"] = _number(result.quantile[0, 0, pose])
     low, high = 1e3 * result.quantile_bounds[_LEVEL, 0, :, pose]
     cells |= {"95 %": _number(result.quantile[_LEVEL, 0, pose]), "limits": f"{low:.3g}-{high:.3g}"}
-    cells |= {"sampled": _sampled(result, pose, _LEVEL), "99.73 %": _number(result.quantile[-1, 0, pose])}
+    cells |= {"sampled": _interval(result, pose, _LEVEL), "99.73 %": _number(result.quantile[-1, 0, pose])}
     cells |= {"|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
     if result.relative is not None:
         cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
     # a terminal has room for four
     ranks = range(len(result.specifications[:4]))
-    cells |= {f"spec {rank + 1}": _inside(result, rank, pose) for rank in ranks}
-    if not several and (result.relative is None or not result.specifications):
+    cells |= {f"spec {rank + 1}": _share_inside(result, rank, pose) for rank in ranks}
+    if not has_several and (result.relative is None or not result.specifications):
         cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"
     return cells
 
 
-def _inside(result: MapResult, rank: int, pose: int) -> str:
+def _share_inside(result: MapResult, rank: int, pose: int) -> str:
     """Return the sampled fraction inside a specification, marked if it is not met, or that in closed form."""
     if not result.judged.samples[pose]:
         return _share(float(result.probability[rank, pose]))
-    of, verdict = result.judged, result.judged.verdicts(pose)[rank]
-    interval = of.interval[rank, :, pose].tolist()
+    judged, verdict = result.judged, result.judged.verdicts(pose)[rank]
+    interval = judged.interval[rank, :, pose].tolist()
     required = result.specifications[rank].required
-    share = format_share(float(of.probability[rank, pose]), (interval[0], interval[1]), required)
+    share = format_share(float(judged.probability[rank, pose]), (interval[0], interval[1]), required)
     return f"{share[0]} %{ {'not met': '*', 'undecided': '?'}.get(verdict, '') }"
 
 
-def _sampled(result: MapResult, pose: int, rank: int) -> str:
+def _interval(result: MapResult, pose: int, rank: int) -> str:
     if result.sampled is None or pose not in result.sampled.poses:
         return "-"
     place = int(np.flatnonzero(result.sampled.poses == pose)[0])
-    of = result.sampled.result
-    low, high = of.quantile_interval[rank, 0, :, place].tolist()
-    return "-" if np.isnan(of.quantile[rank, 0, place]) else "[{}, {}]".format(*format_interval(low, high, 1e3))
+    sampled = result.sampled.result
+    low, high = sampled.quantile_interval[rank, 0, :, place].tolist()
+    return "-" if np.isnan(sampled.quantile[rank, 0, place]) else "[{}, {}]".format(*format_interval(low, high, 1e3))
 
 
 def _number(value: float) -> str:

@@ -20,19 +20,19 @@ from precision_pin.statistics import COMPONENTS, QUANTITIES
 
 
 def figure(result: MomentsResult, which: int = 0) -> Figure:
-    """Return mean and standard deviation of the components, exact beside first order, 174 mm wide."""
+    """Return mean and standard deviation of the components, exact next to first order, 174 mm wide."""
     pose = result.poses[which]
-    of = result.provenance
-    how = f"{result.how}; N = {result.samples:,}, seed {of.seed}, statics {of.statics}"
-    lines = [*figure_style.caption("moments of the error", of, pose.pose), how]
+    run = result.provenance
+    method_line = f"{result.how}; N = {result.samples:,}, seed {run.seed}, statics {run.statics}"
+    lines = [*figure_style.caption("moments of the error", run, pose.pose), method_line]
     with figure_style.style():
-        drawn = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        panels = drawn.subplots(2, 2)
+        chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        panels = chart.subplots(2, 2)
         for column, (rows, unit) in enumerate(((range(3), "mm"), (range(3, 6), "mrad"))):
             _draw(panels[0, column], pose, rows, "mean", f"mean [{unit}]")
             _draw(panels[1, column], pose, rows, "std", f"standard deviation [{unit}]")
-        figure_style.end_figure(drawn, panels.flat, lines, 92 + figure_style.LINE_HEIGHT * (len(lines) + 1))
-    return drawn
+        figure_style.end_figure(chart, panels.flat, lines, 92 + figure_style.LINE_HEIGHT * (len(lines) + 1))
+    return chart
 
 
 def draw(axes: Axes, result: MomentsResult, which: int, quantity: str) -> None:
@@ -46,14 +46,14 @@ def _draw(axes: Axes, pose: PoseMoments, rows: range, which: str, label: str) ->
     exact = getattr(pose, which)
     half = np.zeros(6) if exact.half_width is None else np.nan_to_num(exact.half_width)
     places, names = np.arange(len(rows)), [symbol(QUANTITIES[COMPONENTS[row]]) for row in rows]
-    chosen = list(rows)
+    row_list = list(rows)
     axes.bar(
-        places - 0.2, 1e3 * getattr(pose, f"first_order_{which}")[chosen], width=0.36, color=SKY, label="first order"
+        places - 0.2, 1e3 * getattr(pose, f"first_order_{which}")[row_list], width=0.36, color=SKY, label="first order"
     )
     axes.bar(
         places + 0.2,
-        1e3 * exact.value[chosen],
-        yerr=1e3 * half[chosen],
+        1e3 * exact.value[row_list],
+        yerr=1e3 * half[row_list],
         width=0.36,
         color=BLUE,
         label="exact model",
@@ -71,7 +71,7 @@ def content(result: MomentsResult, results: Results) -> list[Child]:
     chart = inline_figure(
         figure(result),
         f"{results.prefix}moments",
-        f"Mean and standard deviation of the components of the error: {'; '.join(_described(pose))}",
+        f"Mean and standard deviation of the components of the error: {'; '.join(_describe(pose))}",
         "Mean and standard deviation of the components, of the exact model with their intervals, beside the first order.",
     )
     note = paragraph(
@@ -82,7 +82,7 @@ def content(result: MomentsResult, results: Results) -> list[Child]:
     return [note, chart, moments, _correlations(pose)]
 
 
-def _described(pose: PoseMoments) -> list[str]:
+def _describe(pose: PoseMoments) -> list[str]:
     return [
         f"{symbol(QUANTITIES[row])} {milli(float(mean), 5)} and {milli(float(std), 5)} {unit(QUANTITIES[row])}"
         for row, mean, std in zip(COMPONENTS, pose.mean.value, pose.std.value, strict=True)

@@ -4,7 +4,7 @@ Two methods can be combined. *Control variate* (Hammersley and Handscomb, Monte 
 and covariance are known for a polynomial close to the exact error, the tangent with products of two numbers. Only the
 difference of the exact model from it is sampled, on the same random numbers
 (:mod:`precision_pin.analyses.moments.moments_control`). *Randomised quasi-Monte Carlo* (Owen, 1995): scrambled Sobol
-points in place of random ones.
+points instead of random ones.
 
 Samples form 32 independent replicates. With t the polynomial minus its mean, y the exact error minus that mean, g = y -
 t, C the polynomial's covariance, and a bar for the mean over a replicate,
@@ -14,7 +14,7 @@ t, C the polynomial's covariance, and a bar for the mean over a replicate,
 
 The coefficient of the control is one: the polynomial is so close that an estimated coefficient would gain nothing and
 make the estimate biased. The products of means of *different* replicates keep the covariance unbiased for Sobol points,
-which depend on one another inside a replicate. Without control t is zero. Standard errors are those of the jackknife
+which depend on one another inside a replicate. Without control t is zero. Standard errors come from the jackknife
 over replicates; intervals are Student's with 31 degrees of freedom, wider where the replicates are skewed
 (:mod:`precision_pin.analyses.replicates`; L'Ecuyer, Nakayama, Owen and Tuffin, Winter Simulation Conference 2023, on
 nets). An estimate that depends on tails or rare values beyond the samples is not resolved.
@@ -162,11 +162,11 @@ class PoseMoments(Record):
     @property
     def variance(self) -> Measured:
         """Diagonal of the covariance, ``(6,)``."""
-        whole = self.covariance
+        covariance = self.covariance
         return Measured(
-            np.diagonal(whole.value).copy(),
-            None if whole.standard_error is None else np.diagonal(whole.standard_error).copy(),
-            None if whole.half_width is None else np.diagonal(whole.half_width).copy(),
+            np.diagonal(covariance.value).copy(),
+            None if covariance.standard_error is None else np.diagonal(covariance.standard_error).copy(),
+            None if covariance.half_width is None else np.diagonal(covariance.half_width).copy(),
         )
 
     @property
@@ -255,7 +255,7 @@ class MomentsResult(Result):
             row: [entry(pose.norm_mean, index), entry(pose.norm_std, index)] for index, row in enumerate(NORMS)
         }
         for index, row in enumerate(COMPONENTS):
-            rows[row] = [entry(one, index) for one in (pose.mean, pose.std, pose.bias)]
+            rows[row] = [entry(estimates, index) for estimates in (pose.mean, pose.std, pose.bias)]
             rows[row].append(float(pose.first_order_std[index]))
         return [Moments(quantity, *rows[row]) for row, quantity in enumerate(QUANTITIES)]
 
@@ -283,7 +283,7 @@ class MomentsResult(Result):
 
 
 def deviations(variance: Measured) -> Measured:
-    """Return standard deviations with intervals that follow from those of the variances."""
+    """Return standard deviations with intervals from the intervals of the variances."""
     value = np.sqrt(np.maximum(variance.value, 0.0))
     if variance.standard_error is None or variance.half_width is None:
         return Measured(value)
@@ -302,11 +302,11 @@ PILOT: Final = 1024
 MOST_NUMBERS: Final = 21_201
 """Largest number of dimensions of scipy's Sobol net."""
 
-_BLOCK: Final = 8192
-_BITS: Final = 30
+_BLOCK: Final = 8192  # points of a net evaluated together
+_BITS: Final = 30  # of each coordinate; half a unit of the last bit is added, so that no point is 0
 _VECTORS: Final = (slice(0, 3), slice(3, 6))
 _TRIANGLE: Final = np.triu_indices(3)
-_ROUNDING: Final = 1e-14
+_ROUNDING: Final = 1e-14  # spread (m, rad) that counts as rounding
 
 
 @warns_at_end
@@ -349,7 +349,7 @@ def moments(
         >>> print((1e3 * pose.mean.value[:3]).round(3))
         [  7.692  28.344 -22.123]
     """
-    chosen, known = check_request(
+    pose_list, findings = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_name("method", method, get_args(Method))
@@ -359,23 +359,23 @@ def moments(
             f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
             "use method 'control'"
         )
-    sampled = 0 if method == "closed" else REPLICATES * count
-    with steps_to(progress, count_steps(error_model.space, len(chosen), sampled, method)) as step:
-        found = tuple(_at_pose(error_model, one, method, count, int(seed), confidence, step) for one in chosen)
+    size = 0 if method == "closed" else REPLICATES * count
+    with steps_to(progress, count_steps(error_model.space, len(pose_list), size, method)) as step:
+        entries = tuple(_at_pose(error_model, pose, method, count, int(seed), confidence, step) for pose in pose_list)
     return MomentsResult(
         provenance=Provenance.of(error_model, seed),
         method=method,
-        samples=sampled,
+        samples=size,
         confidence=float(confidence),
-        poses=found,
-        findings=known,
-        warnings=list_warnings(known, (line for entry in found for line in entry.warnings)),
+        poses=entries,
+        findings=findings,
+        warnings=list_warnings(findings, (line for entry in entries for line in entry.warnings)),
     )
 
 
-def count_steps(space: Space, poses: int, samples: int, method: Method, **others: object) -> int:
+def count_steps(space: Space, poses: int, samples: int, method: Method, **options: object) -> int:
     """Return the number of progress steps of the moments."""
-    del space, others
+    del space, options
     return 0 if method == "closed" else samples * poses
 
 
@@ -395,8 +395,8 @@ def _at_pose(
 ) -> PoseMoments:
     try:
         with np.errstate(over="raise"):
-            at = error_model.at(pose)
-            nominal, covariance = at.error_at_means, at.covariance
+            model = error_model.at(pose)
+            nominal, covariance = model.error_at_means, model.covariance
             plan = Plan.from_moments(nominal, covariance)
     except (OverflowError, FloatingPointError):
         raise InputError(
@@ -405,24 +405,24 @@ def _at_pose(
     norm_mean = norm_variance = remainder = None
     if method == "closed":
         # differences of exact errors would run across the jump of a side
-        *closed, remainder = _closed_moments(fixed_sides(at))
+        *closed, remainder = _closed_moments(fixed_sides(model))
         mean, covariance_found = map(Measured, closed)
     else:
-        sampled = _Sampled(at, plan.centre[list(NORMS)], method, count, seed, step)
+        sampled = _Sampled(model, plan.centre[list(NORMS)], method, count, seed, step)
         mean, covariance_found, norm_mean, norm_variance = sampled.estimates(confidence)
     findings = (
-        *at.findings("exact"), *error_model.statics_findings(at), *turnover_findings(at),
-        *exact_findings_at(error_model, at),
+        *model.findings("exact"), *error_model.statics_findings(model), *turnover_findings(model),
+        *exact_findings_at(error_model, model),
     )  # fmt: skip
     return PoseMoments(
-        pose=PoseLabel.of(error_model, pose, at),
+        pose=PoseLabel.of(error_model, pose, model),
         nominal=nominal.copy(),
         mean=mean,
         covariance=covariance_found,
         norm_mean=norm_mean,
         norm_variance=norm_variance,
         remainder=remainder,
-        first_order_mean=at.tangent[0].copy(),
+        first_order_mean=model.tangent[0].copy(),
         first_order_covariance=covariance.copy(),
         warnings=tuple(map(str, findings)),
     )
@@ -451,68 +451,68 @@ class _Sampled:
 
     def estimates(self, confidence: float) -> tuple[Measured, Measured, Measured, Measured]:
         """Return mean ``(6,)``, covariance ``(6, 6)``, mean and variance of the norms ``(2,)``."""
-        found = jackknife(self._statistic, confidence)
-        found = self._resolved(found, confidence)
+        raw = jackknife(self._statistic, confidence)
+        raw = self._resolve(raw, confidence)
         pieces = [
             Measured(*(part.reshape(shape) for part in parts))
             for shape, *parts in zip(
                 ((6,), (6, 6), (2,), (2,)),
-                *(np.split(array, (6, 42, 44)) for array in (found.value, found.standard_error, found.half_width)),
+                *(np.split(array, (6, 42, 44)) for array in (raw.value, raw.standard_error, raw.half_width)),
                 strict=True,
             )
         ]
         return cast("tuple[Measured, Measured, Measured, Measured]", tuple(pieces))
 
-    def _resolved(self, found: Estimates, confidence: float) -> Estimates:
+    def _resolve(self, estimates: Estimates, confidence: float) -> Estimates:
         """Return the estimates ``(46,)`` with intervals that allow for the tails, NaN where they are not resolved."""
-        space, values = self._at.space, found.value
+        space, values = self._at.space, estimates.value
         if not space.size:
-            return found
+            return estimates
         nodes = Marginals.of(space.size, self._count, is_net=self._net, breaks=law_breaks(space))
         marginals, rows = nodes.evaluate(self._rows_of)
-        rest, norms = marginals.subtract_means(rows[-8:-2]), rows[-2:]
-        squares = rest[:, None] * rest
+        remainders, norms = marginals.subtract_means(rows[-8:-2]), rows[-2:]
+        squares = remainders[:, None] * remainders
         if self._control:
             tangent = rows[1:7]
             products = tangent[:, None] * tangent
-            crossed = tangent[:, None] * rest
+            crossed = tangent[:, None] * remainders
             squares = squares + crossed + crossed.swapaxes(0, 1)
             controls = _controls(tangent.T, np.moveaxis(products, 2, 0) - self._control.covariance)
             norms = norms - np.einsum("vc,mvc->vm", self._norm_slopes[:, 0], controls)
-            off = np.einsum("vc,mvc->vm", self._norm_slopes[:, 1], controls)
+            deviations = np.einsum("vc,mvc->vm", self._norm_slopes[:, 1], controls)
         else:
-            off = np.zeros_like(norms)
+            deviations = np.zeros_like(norms)
         # contributions to the variance of a norm are squares about its mean
-        about = (rows[-2:] ** 2 - off) - 2 * (values[42:44] - self._centre)[:, None] * norms
-        contributions = np.concatenate([rest, squares.reshape(36, -1), norms, about])
+        about = (rows[-2:] ** 2 - deviations) - 2 * (values[42:44] - self._centre)[:, None] * norms
+        contributions = np.concatenate([remainders, squares.reshape(36, -1), norms, about])
         variances = np.maximum(np.concatenate([values[6:42:7], values[44:]]), 0.0)
         std = np.sqrt(variances)
         scale = np.concatenate([std[:6], np.outer(std[:6], std[:6]).ravel(), std[6:], variances[6:]])
-        return marginals.resolve(found, contributions, scale, confidence)
+        return marginals.resolve(estimates, contributions, scale, confidence)
 
     def _rows_of(self, uniforms: Array) -> Array:
         """Return the rows at uniform numbers ``(d, N)``."""
         x = self._at.space.inverse(uniforms)
         return self._rows(x, sampler.errors_at(self._layout, "exact", x))
 
-    def _statistic(self, used: NDArray[np.bool_]) -> Array:
-        products = self._products[used]
-        ones = products[:, 0]
-        rest, norms = ones[:, -8:-2], ones[:, -2:]
-        mean = (self._control.mean if self._control else self._at.error_at_means) + rest.mean(axis=0)
+    def _statistic(self, is_used: NDArray[np.bool_]) -> Array:
+        products = self._products[is_used]
+        sums = products[:, 0]
+        remainders, norms = sums[:, -8:-2], sums[:, -2:]
+        mean = (self._control.mean if self._control else self._at.error_at_means) + remainders.mean(axis=0)
         covariance = products[:, -8:-2, -8:-2].mean(axis=0)
         squares = products[:, [-2, -1], [-2, -1]]
         if self._control:
-            tangent = ones[:, 1:7]
+            tangent = sums[:, 1:7]
             mixed = products[:, 1:7, -8:-2].mean(axis=0)
             covariance = covariance + mixed + mixed.T + self._control.covariance
-            covariance = covariance - _average_cross_products(tangent + rest) + _average_cross_products(tangent)
-            off = _controls(tangent, products[:, 1:7, 1:7] - self._control.covariance)
+            covariance = covariance - _average_cross_products(tangent + remainders) + _average_cross_products(tangent)
+            deviations = _controls(tangent, products[:, 1:7, 1:7] - self._control.covariance)
             # the known deviations of a replicate's t and t tᵀ from their means correct the norms and their squares
-            norms = norms - np.einsum("vc,rvc->rv", self._norm_slopes[:, 0], off)
-            squares = squares - np.einsum("vc,rvc->rv", self._norm_slopes[:, 1], off)
+            norms = norms - np.einsum("vc,rvc->rv", self._norm_slopes[:, 0], deviations)
+            squares = squares - np.einsum("vc,rvc->rv", self._norm_slopes[:, 1], deviations)
         else:
-            covariance = covariance - _average_cross_products(rest)
+            covariance = covariance - _average_cross_products(remainders)
         covariance = (covariance + covariance.T) / 2
         variance = squares.mean(axis=0) - np.diagonal(_average_cross_products(norms))
         return np.concatenate([mean, covariance.ravel(), self._centre + norms.mean(axis=0), variance])
@@ -530,8 +530,8 @@ class _Sampled:
         for vector, norm in enumerate(norms):
             spread = controls[:, vector].std(axis=0)
             # t and t tᵀ are scaled to unit spread; spreads that are rounding are left out
-            least = np.repeat([_ROUNDING, _ROUNDING**2], (3, 6))
-            scale = np.where(spread > least, spread, np.inf)
+            smallest = np.repeat([_ROUNDING, _ROUNDING**2], (3, 6))
+            scale = np.where(spread > smallest, spread, np.inf)
             design = np.column_stack([np.ones(PILOT), controls[:, vector] / scale])
             targets = np.column_stack([norm, norm**2])
             solution = np.linalg.lstsq(design, targets, rcond=1e-9)[0]
@@ -593,10 +593,10 @@ def _gram(rows: Array) -> Array:
     return result
 
 
-def _controls(means: Array, off: Array) -> Array:
+def _controls(means: Array, d: Array) -> Array:
     """Return t and t tᵀ minus its mean for both vectors, ``(R, 2, 9)``, from ``(R, 6)`` and ``(R, 6, 6)``."""
     parts = [
-        np.concatenate([means[:, rows], off[:, rows, rows][:, _TRIANGLE[0], _TRIANGLE[1]]], axis=1) for rows in _VECTORS
+        np.concatenate([means[:, rows], d[:, rows, rows][:, _TRIANGLE[0], _TRIANGLE[1]]], axis=1) for rows in _VECTORS
     ]
     return np.stack(parts, axis=1)
 
@@ -620,46 +620,46 @@ def _closed_moments(at: PoseModel) -> tuple[Array, Array, Remainder]:
     pairs = numbers.pairs - 1
     np.fill_diagonal(pairs, kurtosis - 1)
     last_mean = third @ skewness / 6 + fourth @ kurtosis / 24
-    last = second @ pairs @ second.T / 4
+    second_order = second @ pairs @ second.T / 4
     slopes = third * kurtosis
     for k in range(numbers.size - 1):
-        others = np.arange(k + 1, numbers.size)
-        own, theirs = STEP * numbers.columns[:, [k]], STEP * numbers.columns[:, others]
-        both = exact.at(np.concatenate([own + theirs, own - theirs, -own + theirs, -own - theirs], axis=1))
-        pp, pm, mp, mm = np.split(both, 4, axis=1)
+        higher = np.arange(k + 1, numbers.size)
+        step, steps = STEP * numbers.columns[:, [k]], STEP * numbers.columns[:, higher]
+        corner_errors = exact.at(np.concatenate([step + steps, step - steps, -step + steps, -step - steps], axis=1))
+        pp, pm, mp, mm = np.split(corner_errors, 4, axis=1)
         plus, minus = near[0][:, [k]], near[1][:, [k]]
         mixed = (pp - pm - mp + mm) / (4 * STEP**2)
-        weight = numbers.pairs[k, others]
+        weight = numbers.pairs[k, higher]
         # each pair is visited once, not in both orders
-        last += (mixed * weight) @ mixed.T
+        second_order += (mixed * weight) @ mixed.T
         slopes[:, k] += 3 * (((pp + pm - 2 * plus) - (mp + mm - 2 * minus)) / (2 * STEP**3)) @ weight
-        bent = (pp + mp - 2 * near[0][:, others]) - (pm + mm - 2 * near[1][:, others])
-        slopes[:, others] += 3 * weight * bent / (2 * STEP**3)
-        around = plus + minus + near[0][:, others] + near[1][:, others]
-        last_mean += ((pp + pm + mp + mm - 2 * around + 4 * middle[:, None]) / STEP**4) @ weight / 4
-    crossed = first @ (second * skewness / 2 + slopes / 6).T
-    last += crossed + crossed.T
-    last = (last + last.T) / 2
-    return middle + curved + last_mean, at.covariance + last, Remainder(4, last_mean, last)
+        bend = (pp + mp - 2 * near[0][:, higher]) - (pm + mm - 2 * near[1][:, higher])
+        slopes[:, higher] += 3 * weight * bend / (2 * STEP**3)
+        edge_sum = plus + minus + near[0][:, higher] + near[1][:, higher]
+        last_mean += ((pp + pm + mp + mm - 2 * edge_sum + 4 * middle[:, None]) / STEP**4) @ weight / 4
+    products = first @ (second * skewness / 2 + slopes / 6).T
+    second_order += products + products.T
+    second_order = (second_order + second_order.T) / 2
+    return middle + curved + last_mean, at.covariance + second_order, Remainder(4, last_mean, second_order)
 
 
 def table(result: MomentsResult) -> str:
-    """Return mean, bias and standard deviation of every quantity at every pose, mm and mrad, beside the first order."""
+    """Return mean, bias and standard deviation of every quantity at every pose, mm and mrad, and to first order."""
     sizes = [float(np.linalg.norm(pose.first_order_std[:3])) for pose in result.poses]
     blocks = [
         answer_of([pose.pose for pose in result.poses], sizes, [_answer(result.rows(pose)) for pose in result.poses])
     ]
     for pose in result.poses:
-        how = f"{result.how}; statics {result.provenance.statics}; errors in base axes"
+        method = f"{result.how}; statics {result.provenance.statics}; errors in base axes"
         lines = text_lines(result.COLUMNS, result.rows(pose))
-        blocks.append("\n".join([subject(result.provenance, pose.pose), how, "", *lines]))
+        blocks.append("\n".join([subject(result.provenance, pose.pose), method, "", *lines]))
     blocks.append("bias: mean of the exact model less that of the first order; / first order: ratio of the stds")
     return "\n\n".join(blocks)
 
 
 def _answer(rows: Sequence[Moments]) -> str:
     parts = []
-    for one in (rows[row] for row in NORMS):
-        of = unit(one.quantity)
-        parts.append(f"{symbol(one.quantity)} mean {cell(one.mean)} {of}, std {cell(one.std)} {of}")
+    for moments in (rows[k] for k in NORMS):
+        si = unit(moments.quantity)
+        parts.append(f"{symbol(moments.quantity)} mean {cell(moments.mean)} {si}, std {cell(moments.std)} {si}")
     return "; ".join(parts)

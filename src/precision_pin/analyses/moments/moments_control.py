@@ -24,7 +24,7 @@ from precision_pin.model.pose_model import PoseModel
 STEP: Final = 0.5
 """Step of the differences that approximate derivatives, in standard deviations."""
 
-_FLAT: Final = 1e-12
+_FLAT: Final = 1e-12  # relative variance below which a direction counts as constant: rounding
 
 
 class ErrorAround:
@@ -71,14 +71,14 @@ class Uncorrelated(NamedTuple):
     def of(cls, space: Space) -> Uncorrelated:
         """Return the numbers that generate the components of a space."""
         laws = {draw.name: draw.law for draw in space.draws}
-        together = {name for correlation in space.correlations for name in correlation.names}
+        correlated = {name for correlation in space.correlations for name in correlation.names}
         groups = [[space.index[name] for name in correlation.names] for correlation in space.correlations]
         moments = [
             NORMAL_MOMENTS if all(laws[name].is_normal for name in correlation.names) else None
             for correlation in space.correlations
         ]
         for draw, rows in zip(space.draws, space.slices, strict=True):
-            if draw.name not in together:
+            if draw.name not in correlated:
                 groups.append(list(range(rows.start, rows.stop)))
                 moments.append(draw.law.standardised_moments())
         columns: list[Array] = []
@@ -86,22 +86,22 @@ class Uncorrelated(NamedTuple):
         fourth: list[float] = []
         pairs: list[Array] = []
         complete: list[bool] = []
-        for group, known in zip(groups, moments, strict=True):
+        for group, shape in zip(groups, moments, strict=True):
             spread = space.block_covariance.within(group)
             values, vectors = np.linalg.eigh(spread)
             varies = values > _FLAT * max(values.max(), 0.0)
             count = int(varies.sum())
             if not count:
                 continue
-            moved = np.zeros((space.size, count))
-            moved[group] = vectors[:, varies] * np.sqrt(values[varies])
-            skewness, kurtosis, across = NORMAL_MOMENTS if known is None else known
-            columns.append(moved)
+            scaled = np.zeros((space.size, count))
+            scaled[group] = vectors[:, varies] * np.sqrt(values[varies])
+            skewness, kurtosis, coupling = NORMAL_MOMENTS if shape is None else shape
+            columns.append(scaled)
             # the eigenvector of a single number may have a negative sign
-            third += [skewness * (np.sign(moved.sum()) if len(group) == 1 else 1.0)] * count
+            third += [skewness * (np.sign(scaled.sum()) if len(group) == 1 else 1.0)] * count
             fourth += [kurtosis] * count
-            complete += [known is not None] * count
-            pairs.append(np.full((count, count), across))
+            complete += [shape is not None] * count
+            pairs.append(np.full((count, count), coupling))
         size = len(third)
         matrix = np.ones((size, size))
         begin = 0
@@ -120,7 +120,7 @@ class Uncorrelated(NamedTuple):
 _LEAST: Final = 1e-10
 """Smallest fraction of the variance of all products for which a product is kept."""
 
-_ROUNDING: Final = 1e-14
+_ROUNDING: Final = 1e-14  # spread (m, rad) that counts as rounding
 
 
 class Control(NamedTuple):
@@ -152,35 +152,35 @@ class Control(NamedTuple):
         numbers = Uncorrelated.of(at.space)
         # a product of two components is a product of two numbers only where each number moves a single component
         usable = np.flatnonzero(numbers.known & (np.count_nonzero(numbers.columns, axis=0) == 1))
-        found = None
+        derivatives = None
         # largest number of components for which products are used: their number grows with the square
         if 0 < usable.size <= 256:
             with suppress(InputError):  # draws so wide that the error does not exist at their edge: the tangent alone
-                found = _second_derivatives(at, numbers, usable)
-        bends = np.zeros((6, usable.size, usable.size)) if found is None else found
+                derivatives = _second_derivatives(at, numbers, usable)
+        bends = np.zeros((6, usable.size, usable.size)) if derivatives is None else derivatives
         sizes = _variances(numbers, usable, bends)
-        whole = np.diagonal(at.covariance) + sizes.sum(axis=(1, 2))
-        parts = np.einsum("ikm,i->km", sizes, 1 / np.where(whole > _ROUNDING**2, whole, np.inf))
+        totals = np.diagonal(at.covariance) + sizes.sum(axis=(1, 2))
+        parts = np.einsum("ikm,i->km", sizes, 1 / np.where(totals > _ROUNDING**2, totals, np.inf))
         # largest number of products kept: 54 numbers have 1,485, of which 200 are relevant
-        ranked = np.argsort(-parts, axis=None, kind="stable")[:512]
-        ranked = ranked[parts.flat[ranked] > _LEAST * parts.sum()]
-        k, m = np.unravel_index(ranked, parts.shape)
-        chosen = bends[:, k, m] * np.where(k == m, 0.5, 1.0)
+        order = np.argsort(-parts, axis=None, kind="stable")[:512]
+        order = order[parts.flat[order] > _LEAST * parts.sum()]
+        k, m = np.unravel_index(order, parts.shape)
+        terms = bends[:, k, m] * np.where(k == m, 0.5, 1.0)
         k, m = usable[k], usable[m]
         components = np.array([np.flatnonzero(column)[0] for column in numbers.columns.T], dtype=np.intp)
         spread = numbers.columns[components, np.arange(numbers.size)]
         used, rows = np.unique(np.concatenate([components[k], components[m]]), return_inverse=True)
-        curved = chosen[:, k == m].sum(axis=1)
+        curved = terms[:, k == m].sum(axis=1)
         return cls(
             mean=at.error_at_means + curved,
-            covariance=at.covariance + _beyond_tangent(at.jacobian @ numbers.columns, numbers, k, m, chosen),
+            covariance=at.covariance + _beyond_tangent(at.jacobian @ numbers.columns, numbers, k, m, terms),
             centre=at.space.mean,
             jacobian=at.jacobian,
             shift=at.jacobian @ at.space.mean + curved,
             used=used,
             first=rows[: k.size],
             second=rows[k.size :],
-            coefficients=chosen / (spread[k] * spread[m]),
+            coefficients=terms / (spread[k] * spread[m]),
         )
 
     def deviations(self, x: Array) -> Array:
@@ -210,11 +210,11 @@ def _second_derivatives(at: PoseModel, numbers: Uncorrelated, usable: NDArray[np
     middle = exact.at(np.zeros((at.space.size, 1)))
     result = np.zeros((6, usable.size, usable.size))
     for k in range(usable.size):
-        others = steps[:, k + 1 :]
-        own = steps[:, [k]]
-        around = exact.at(np.concatenate([own, -own, own + others, own - others, others - own, -own - others], axis=1))
-        result[:, k, k] = (around[:, 0] + around[:, 1] - 2 * middle[:, 0]) / STEP**2
-        pp, pm, mp, mm = np.split(around[:, 2:], 4, axis=1)
+        b = steps[:, k + 1 :]
+        a = steps[:, [k]]
+        grid = exact.at(np.concatenate([a, -a, a + b, a - b, b - a, -a - b], axis=1))
+        result[:, k, k] = (grid[:, 0] + grid[:, 1] - 2 * middle[:, 0]) / STEP**2
+        pp, pm, mp, mm = np.split(grid[:, 2:], 4, axis=1)
         result[:, k, k + 1 :] = (pp - pm - mp + mm) / (4 * STEP**2)
     return result
 
@@ -227,16 +227,16 @@ def _variances(numbers: Uncorrelated, usable: NDArray[np.intp], bends: Array) ->
 
 
 def _beyond_tangent(
-    first: Array, numbers: Uncorrelated, k: NDArray[np.intp], m: NDArray[np.intp], chosen: Array
+    first: Array, numbers: Uncorrelated, k: NDArray[np.intp], m: NDArray[np.intp], terms: Array
 ) -> Array:
-    """Return the covariance ``(6, 6)`` that products ``chosen ζ_k ζ_m`` add to that of the tangent."""
+    """Return the covariance ``(6, 6)`` that products ``terms ζ_k ζ_m`` add to the covariance of the tangent."""
     squares = np.zeros((6, numbers.size))
-    alone = k == m
-    squares[:, k[alone]] = chosen[:, alone]
+    is_square = k == m
+    squares[:, k[is_square]] = terms[:, is_square]
     weights = numbers.pairs - 1
     np.fill_diagonal(weights, numbers.fourth - 1)
-    crossed = (first * numbers.third) @ squares.T
-    mixed = chosen[:, ~alone]
-    result: Array = crossed + crossed.T + squares @ weights @ squares.T
-    result += (mixed * numbers.pairs[k[~alone], m[~alone]]) @ mixed.T
+    products = (first * numbers.third) @ squares.T
+    mixed = terms[:, ~is_square]
+    result: Array = products + products.T + squares @ weights @ squares.T
+    result += (mixed * numbers.pairs[k[~is_square], m[~is_square]]) @ mixed.T
     return result

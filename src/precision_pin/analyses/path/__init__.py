@@ -16,32 +16,32 @@ _LONG: Final = 2 * 10**9
 _LOOKED: Final = 3.0
 
 
-def prepare(asked: Asked) -> Job:
+def prepare(request: Asked) -> Job:
     """Return the law along the path of a command line."""
-    poses, options = asked.read_pose_set(), asked.options
+    poses, options = request.read_pose_set(), request.options
     # imported late: these take as long as all other imports, and reading a large file should start early
     from precision_pin.analyses.path.path_law import path_law
     from precision_pin.model.error_model import ErrorModel
 
-    model = ErrorModel.from_sheet(asked.sheet)
+    model = ErrorModel.from_sheet(request.sheet)
     if len(poses) < 2:
         message = "a path has two poses or more: --trajectory, --grid, --all-poses, or --pose or --q repeated; analyze is for one"
         raise InputError.of("E_POSE", message)
     names = ("samples", "seed", "probability", "model", "threads")
     law = partial(
         path_law, model, poses, **{name: options[name] for name in names}, specifications=options["specs"],
-        findings=asked.sheet.findings,
+        findings=request.sheet.findings,
     )  # fmt: skip
     steps = 2 * len(poses) * max(options["samples"], 0)
 
     def run(progress: Callable[[int], None]) -> Any:
-        is_refused = "samples" not in asked.chosen and steps > _LONG
-        return law(progress=_refusing(progress, len(poses)) if is_refused else progress)
+        is_refused = "samples" not in request.chosen and steps > _LONG
+        return law(progress=_check_duration(progress, len(poses)) if is_refused else progress)
 
     return Job(run, (model,), steps, is_unwound=True)
 
 
-def _refusing(progress: Callable[[int], None], poses: int) -> Callable[[int], None]:
+def _check_duration(progress: Callable[[int], None], poses: int) -> Callable[[int], None]:
     """Return a progress function that refuses a long run with a default number of robots once its time is known."""
     began, done = 0.0, 0
 

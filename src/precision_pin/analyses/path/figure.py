@@ -30,13 +30,13 @@ from precision_pin.render.html import escaped, items, paragraph, section, table
 from precision_pin.render.scene import Chapter, Scene, rounded
 from precision_pin.render.tables import symbol
 
-_MOST_LETTERS: Final = 16
-_MOST_LEVEL: Final = 36
+_MOST_LETTERS: Final = 16  # of a name on the axis
+_MOST_LEVEL: Final = 36  # letters of all names together without rotated labels
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
 
 
 def figure(result: PathResult) -> Figure:
-    """Return the figure, 174 mm wide: position beside attitude."""
+    """Return the figure, 174 mm wide: position next to attitude."""
     with style():
         made = new_figure(DOUBLE_COLUMN)
         panels = made.subplots(1, 2)
@@ -113,7 +113,7 @@ class PathLayer:
 
     @property
     def script(self) -> str:
-        """Script of the page beside this file."""
+        """Script of the page next to this file."""
         return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
@@ -133,7 +133,7 @@ class PathLayer:
     def settings(self, length: float) -> dict[str, Any]:
         """Return points (m), radii of both tubes (m), ends of the colour scale and the worst point.
 
-        ``times`` is the initial magnification of the radii: errors of whole robots would fill the picture.
+        ``times`` is the initial magnification of the radii: errors of whole robots would fill the view.
         """
         result = self.result
         widest = float(result.band[0].max())

@@ -154,19 +154,19 @@ class PathResult(AnalysisResult):
 
     def simultaneous(self, norm: int) -> Band:
         """Return the simultaneous band of |d| (``norm`` 0) or |δ| (1), with its coverage by fresh robots."""
-        factor, (low, high), kept = (
+        factor, (low, high), count = (
             float(self.factor[norm]),
             self.factor_interval[:, norm].tolist(),
             int(self.kept_band[norm]),
         )
-        return self._band(None, None, kept) if np.isnan(factor) else self._band(factor, (low, high), kept)
+        return self._band(None, None, count) if np.isnan(factor) else self._band(factor, (low, high), count)
 
     def pointwise(self, norm: int) -> Band:
         """Return the band of the quantiles at each pose, with the fraction of fresh robots below all of them."""
         return self._band(1.0, None, int(self.kept_pointwise[norm]))
 
-    def _band(self, factor: float | None, interval: tuple[float, float] | None, kept: int) -> Band:
-        return Band(factor, interval, kept / self.samples, clopper_pearson(kept, self.samples, self.confidence))
+    def _band(self, factor: float | None, interval: tuple[float, float] | None, count: int) -> Band:
+        return Band(factor, interval, count / self.samples, clopper_pearson(count, self.samples, self.confidence))
 
     def worst_pose(self, norm: int = 0) -> int:
         """Return the index of the pose at which most robots have their largest |d| (``norm`` 0) or |δ| (1)."""
@@ -176,11 +176,11 @@ class PathResult(AnalysisResult):
     def specification_results(self) -> tuple[SpecificationResult, ...]:
         """The fraction of robots that keep each specification at every pose."""
         results = []
-        for one in self.specifications:
-            kept = int(np.count_nonzero(self.largest[one.row] <= one.limit))
-            share, interval = kept / self.samples, clopper_pearson(kept, self.samples, self.confidence)
-            found = (one.quantity, one.limit, one.required, share, interval, bool(self.varies[one.row]), self.grounds)
-            results.append(SpecificationResult(*found))
+        for spec in self.specifications:
+            count = int(np.count_nonzero(self.largest[spec.row] <= spec.limit))
+            share, interval = count / self.samples, clopper_pearson(count, self.samples, self.confidence)
+            row = (spec.quantity, spec.limit, spec.required, share, interval, bool(self.varies[spec.row]), self.grounds)
+            results.append(SpecificationResult(*row))
         return tuple(results)
 
     @property
@@ -202,17 +202,17 @@ class PathResult(AnalysisResult):
     @property
     def maxima(self) -> dict[str, Any]:
         """Law of the largest |d| and |δ| along the path, as in the JSON."""
-        found = {}
+        entries = {}
         for norm, name in enumerate(_NORMS):
-            quantiles = [self.maximum_quantile(norm, one) for one in self.levels]
-            found[name] = {
+            quantiles = [self.maximum_quantile(norm, level) for level in self.levels]
+            entries[name] = {
                 "min": self._ordered[norm, 0],
                 "max": self._ordered[norm, -1],
-                "quantiles": {one.probability: one.value for one in quantiles},
-                "quantile_interval": {one.probability: one.interval for one in quantiles},
+                "quantiles": {level.probability: level.value for level in quantiles},
+                "quantile_interval": {level.probability: level.interval for level in quantiles},
                 "most_often_at": self.poses.labels[self.worst_pose(norm)],
             }
-        return found
+        return entries
 
     @property
     def bands(self) -> dict[str, Any]:
@@ -232,10 +232,10 @@ class PathResult(AnalysisResult):
         arrays = {"quantile": self.curve, "quantile_interval": self.curve_interval, "band": self.band}
         arrays["share_of_maximum"] = self.share_of_maximum
         errors = [
-            {name: {key: of[..., norm, pose] for key, of in arrays.items()} for norm, name in enumerate(_NORMS)}
+            {name: {key: array[..., norm, pose] for key, array in arrays.items()} for norm, name in enumerate(_NORMS)}
             for pose in range(len(self.poses))
         ]
-        return [{**of, **entry} for of, entry in zip(self.poses.entries(self.joints), errors, strict=True)]
+        return [{**array, **entry} for array, entry in zip(self.poses.entries(self.joints), errors, strict=True)]
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return the curves as a data frame, m and rad: a row for each pose, with its time where it has one."""
@@ -253,9 +253,9 @@ class PathResult(AnalysisResult):
     @property
     def summary(self) -> str:
         """Text of `repr`."""
-        within = milli(self.maximum_quantile(0, self.probability).value, 4)
+        quantile = milli(self.maximum_quantile(0, self.probability).value, 4)
         return (
-            f"{len(self.poses):,} poses, {self.samples:,} robots, largest |d| within {within} mm for "
+            f"{len(self.poses):,} poses, {self.samples:,} robots, largest |d| within {quantile} mm for "
             f"{100 * self.probability:.4g} %"
         )
 
@@ -268,11 +268,11 @@ class PathResult(AnalysisResult):
             largest = f"largest {quantity_label(f'{name}.norm')}"
             rows.append([largest, *quantiles, factor, f"{100 * band.coverage:.2f} %"])
         levels = [f"{100 * level:.6g} %" for level in self.levels]
-        of = self.provenance
+        run = self.provenance
         return rendered(
-            f"{of.arm}, a path of {len(self.poses):,} poses",
+            f"{run.arm}, a path of {len(self.poses):,} poses",
             [Table(["", *levels, "factor of the band", "fresh robots inside"], rows)],
-            [f"{self.samples:,} robots, seed {of.seed}, {self.model} model, statics {of.statics}", *self.warnings],
+            [f"{self.samples:,} robots, seed {run.seed}, {self.model} model, statics {run.statics}", *self.warnings],
         )
 
 
@@ -328,64 +328,64 @@ def path_law(
         >>> print(result.met, result.maximum.shape)
         True (2, 1000)
     """
-    known = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    findings = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_whole("the number of samples", samples, 1, 10**9)
     sampler.stage_of(model)
-    share = check_number("probability", probability, "above 0 and below 1", lambda one: 0 < one < 1)
-    listed = listed_specifications(specifications)
+    share = check_number("probability", probability, "above 0 and below 1", lambda limit: 0 < limit < 1)
+    limits = listed_specifications(specifications)
     if threads is not None:
         check_whole("threads", threads, 1, 1024)
     if quantile_ranks(int(samples), share, confidence) is None:
-        needed = math.ceil(math.log((1 - confidence) / 2) / math.log1p(-min(share, 1 - share)))
+        minimum = math.ceil(math.log((1 - confidence) / 2) / math.log1p(-min(share, 1 - share)))
         raise InputError(
-            f"{samples:,} samples do not resolve the {100 * share:.10g} % quantile; about {needed:,} or more do"
+            f"{samples:,} samples do not resolve the {100 * share:.10g} % quantile; about {minimum:,} or more do"
         )
-    given = _checked(error_model, pose_set(error_model, poses))
-    count, size, workers = len(given), int(samples), threads or available_cores()
+    pose_list = _check_poses(error_model, pose_set(error_model, poses))
+    count, size, workers = len(pose_list), int(samples), threads or available_cores()
     # numbers kept of each robot, of each robot in every task under way, and of each pose
     check_memory(
-        8 * (float(samples) * (8 + 2 + 4 + 4 * workers * (6 + 6 + 8 + 4)) + len(given) * 40),
-        f"{samples:,} robots along {len(given):,} poses",
+        8 * (float(samples) * (8 + 2 + 4 + 4 * workers * (6 + 6 + 8 + 4)) + len(pose_list) * 40),
+        f"{samples:,} robots along {len(pose_list):,} poses",
         "sample fewer robots, or with fewer threads",
     )
-    found = (
-        *pose_findings(error_model.chain, given.q, given.labels),
-        *speed_findings(error_model, given.q, given.times),
-        *exact_findings(error_model, given.q, given.approaches),
+    new_findings = (
+        *pose_findings(error_model.chain, pose_list.q, pose_list.labels),
+        *speed_findings(error_model, pose_list.q, pose_list.times),
+        *exact_findings(error_model, pose_list.q, pose_list.approaches),
     )
-    add(found)
+    add(new_findings)
     observe = partial(_observe, samples=size, seed=int(seed), model=model, probability=share, confidence=confidence)
     norms, curve, curve_interval = list(NORMS), np.empty((2, count)), np.empty((2, 2, count))
-    largest, where = np.full((8, size), -np.inf), np.zeros((2, size), dtype=np.int64)
-    fresh, ratios, varies = np.zeros((2, size)), np.zeros((2, size)), np.zeros(8, dtype=np.bool_)
+    largest, worst_poses = np.full((8, size), -np.inf), np.zeros((2, size), dtype=np.int64)
+    new_sizes, ratios, varies = np.zeros((2, size)), np.zeros((2, size)), np.zeros(8, dtype=np.bool_)
     with steps_to(progress, 2 * count * size) as step:
-        layouts = enumerate(_layouts(error_model, given))
+        layouts = enumerate(_layouts(error_model, pose_list))
         tasks = (partial(observe, layout, pose) for pose, layout in layouts)
         for pose, at_pose in enumerate(in_order(tasks, workers)):
             # among equal errors the first pose counts
-            np.copyto(where, pose, where=at_pose.sizes[norms] > largest[norms])
+            np.copyto(worst_poses, pose, where=at_pose.sizes[norms] > largest[norms])
             np.maximum(largest, at_pose.sizes, out=largest)
-            np.maximum(fresh, at_pose.fresh, out=fresh)
+            np.maximum(new_sizes, at_pose.fresh, out=new_sizes)
             np.maximum(ratios, at_pose.ratios, out=ratios)
             curve[:, pose], curve_interval[:, :, pose] = at_pose.curve, at_pose.interval
             varies |= at_pose.varies
             step(2 * size)
     worst = int(curve[0].argmax())
-    strained = strained_findings(error_model, approached(given.take(np.array([worst])))[0], given.labels[worst])
+    strained = strained_findings(error_model, approached(pose_list.take(np.array([worst])))[0], pose_list.labels[worst])
     add(strained)
     # a curve of zeros gives the band no shape: it then has the same height at every pose
     shaped = curve.max(axis=1) > _ROUNDING
-    sizes = np.where(shaped[:, None], ratios, fresh)
+    sizes = np.where(shaped[:, None], ratios, new_sizes)
     # the curve is from other robots: given the curve these sizes are independent, and the upper end of the interval of
     # their quantile exceeds the required fraction of all robots with the stated confidence (Wilks)
     _, interval = quantile_of(sizes, share, confidence)
-    top = interval[1][:, None]
-    models = error_model.at_columns(given.q, given.approaches)
+    factor = interval[1][:, None]
+    models = error_model.at_columns(pose_list.q, pose_list.approaches)
     both = by_both_models(models, model, int(seed), count)
     return PathResult(
         provenance=Provenance.of(error_model, seed),
         joints=tuple(error_model.chain.joint_names),
-        poses=given,
+        poses=pose_list,
         samples=size,
         model=model,
         probability=share,
@@ -393,21 +393,21 @@ def path_law(
         curve=curve,
         curve_interval=curve_interval,
         largest=largest,
-        share_of_maximum=np.stack([np.bincount(row, minlength=count) for row in where]) / size,
+        share_of_maximum=np.stack([np.bincount(row, minlength=count) for row in worst_poses]) / size,
         factor=np.where(shaped, interval[1], np.nan),
         factor_interval=np.where(shaped, interval, np.nan),
-        band=np.where(shaped[:, None], curve * top, top),
-        kept_band=(sizes <= top).sum(axis=1),
+        band=np.where(shaped[:, None], curve * factor, factor),
+        kept_band=(sizes <= factor).sum(axis=1),
         kept_pointwise=(ratios <= 1.0).sum(axis=1),
-        varies=_varying(error_model, given, varies, {one.row for one in listed}),
-        specifications=listed,
-        grounds=grounds_at(error_model, given.q, given.labels, given.times, both if listed else ()),
-        findings=known,
-        warnings=tuple(dict.fromkeys(map(str, (*known, *found, *strained)))),
+        varies=_varying(error_model, pose_list, varies, {limit.row for limit in limits}),
+        specifications=limits,
+        grounds=grounds_at(error_model, pose_list.q, pose_list.labels, pose_list.times, both if limits else ()),
+        findings=findings,
+        warnings=tuple(dict.fromkeys(map(str, (*findings, *new_findings, *strained)))),
     )
 
 
-def _checked(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
+def _check_poses(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
     if len(poses) < 2:
         raise InputError("a path has two poses or more; the error at one pose is what monte_carlo samples")
     if not poses.known.all():
@@ -421,19 +421,19 @@ def _checked(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
             f"{poses.labels[first + 1]}: the time {poses.times[first + 1]:.10g} s does not come after the "
             f"{poses.times[first]:.10g} s of the pose before; the times of a path increase"
         )
-    again = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)
-    if again and len(poses) > MOST_POSES:
+    is_redrawn = any(draw.scope is not Scope.UNIT for draw in error_model.space.draws)
+    if is_redrawn and len(poses) > MOST_POSES:
         raise InputError(f"{len(poses):,} poses; with draws of pose or visit scope at most {MOST_POSES:,} are possible")
     return poses
 
 
-def _varying(error_model: ErrorModel, poses: PoseSet, seen: NDArray[np.bool_], rows: set[int]) -> NDArray[np.bool_]:
+def _varying(error_model: ErrorModel, poses: PoseSet, moving: NDArray[np.bool_], rows: set[int]) -> NDArray[np.bool_]:
     """Return which quantities ``(8,)`` vary; of limited ones also those with a rare value that no robot has."""
-    varies = seen.copy()
-    for at in error_model.at_columns(poses.q, poses.approaches):
+    varies = moving.copy()
+    for model in error_model.at_columns(poses.q, poses.approaches):
         if all(varies[row] for row in rows):
             break
-        moves = np.diag(at.covariance) > NO_SPREAD**2
+        moves = np.diag(model.covariance) > NO_SPREAD**2
         varies[list(COMPONENTS)] |= moves
         varies[list(NORMS)] |= moves.reshape(2, 3).any(axis=1)
     return varies
@@ -442,8 +442,8 @@ def _varying(error_model: ErrorModel, poses: PoseSet, seen: NDArray[np.bool_], r
 def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]:
     """Yield the model's arrays at each pose; some poses are prepared at a time."""
     models = error_model.at_columns(poses.q, poses.approaches)
-    while together := list(islice(models, MOST_TOGETHER)):
-        yield from sampler.to_arrays_at_poses(together)
+    while group := list(islice(models, MOST_TOGETHER)):
+        yield from sampler.to_arrays_at_poses(group)
 
 
 class _AtPose(NamedTuple):
@@ -482,13 +482,13 @@ def _observe(
         norms = np.sqrt((errors.reshape(2, 3, -1) ** 2).sum(axis=1))
     if not np.isfinite(norms).all():
         raise InputError(f"pose {pose + 1}: the errors are too large to compute with; the tolerances are far too large")
-    own = errors[:, :samples]
+    first_errors = errors[:, :samples]
     sizes, varies = np.empty((8, samples)), np.zeros(8, dtype=np.bool_)
-    sizes[list(COMPONENTS)], sizes[list(NORMS)] = np.abs(own), norms[:, :samples]
-    moves = own.max(axis=1) - own.min(axis=1) > NO_SPREAD
+    sizes[list(COMPONENTS)], sizes[list(NORMS)] = np.abs(first_errors), norms[:, :samples]
+    moves = first_errors.max(axis=1) - first_errors.min(axis=1) > NO_SPREAD
     varies[list(COMPONENTS)] = moves
     # a norm varies with its components: errors on a circle have a constant norm
     varies[list(NORMS)] = moves.reshape(2, 3).any(axis=1)
     curve, interval = quantile_of(sizes[list(NORMS)], probability, confidence)
-    fresh = norms[:, samples:]
-    return _AtPose(sizes, curve, interval, fresh, fresh / np.maximum(curve, _ROUNDING)[:, None], varies)
+    new_sizes = norms[:, samples:]
+    return _AtPose(sizes, curve, interval, new_sizes, new_sizes / np.maximum(curve, _ROUNDING)[:, None], varies)

@@ -17,12 +17,12 @@ _QUANTITIES: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
 _MOST_ROWS: Final = 12
 # number of poses listed otherwise: those with most of the largest |d|
 _WORST_ROWS: Final = 10
-_MOST_LETTERS: Final = 24
+_MOST_LETTERS: Final = 24  # of a name in a table row
 
 
 def path_table(result: PathResult) -> str:
     """Return the answer in words, the quantiles of the largest errors, the bands, and a row for each pose."""
-    of, times = result.provenance, result.poses.times
+    run, times = result.provenance, result.poses.times
     share = f"{100 * result.probability:.6g} %"
     duration = "" if times is None else f", {float(times[-1] - times[0]):.6g} s"
     lines = [
@@ -30,8 +30,8 @@ def path_table(result: PathResult) -> str:
         where_line(result),
         *verdict_lines(result),
         "",
-        f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, a path of {len(result.poses):,} poses{duration}",
-        f"{result.samples:,} robots, seed {of.seed}, {result.model} model, statics {of.statics}; intervals and digits at "
+        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}, a path of {len(result.poses):,} poses{duration}",
+        f"{result.samples:,} robots, seed {run.seed}, {result.model} model, statics {run.statics}; intervals and digits at "
         f"{result.confidence:.0%} confidence",
         "",
         *aligned(maximum_rows(result)),
@@ -40,38 +40,38 @@ def path_table(result: PathResult) -> str:
         "",
         *aligned(pose_rows(result)),
     ]
-    hidden = len(result.poses) - len(_listed(result))
+    hidden = len(result.poses) - len(_list_poses(result))
     lines += [f"and {hidden:,} more poses: --json FILE writes all"] if hidden else []
     lines += [
         "",
         f"|d|, |δ|: {share} quantile at the pose; largest here: robots with their largest error of the path there",
     ]
-    lines += resting_on(of.assumed, of.sources, of.origins, of.origins_at)
+    lines += resting_on(run.assumed, run.sources, run.origins, run.origins_at)
     return "\n".join(lines)
 
 
 def headline(result: PathResult) -> str:
     """Return the largest error of most robots along the path in a sentence."""
-    share = result.probability
+    level = result.probability
     sizes = (
-        f"{symbol(one)} {quantile_text(result, norm, share)[0]} {unit}" for norm, (one, unit) in enumerate(_QUANTITIES)
+        f"{symbol(name)} {quantile_text(result, k, level)[0]} {unit}" for k, (name, unit) in enumerate(_QUANTITIES)
     )
-    return f"largest error along the path: {100 * share:.6g} % of robots within {', '.join(sizes)}"
+    return f"largest error along the path: {100 * level:.6g} % of robots within {', '.join(sizes)}"
 
 
 def where_line(result: PathResult) -> str:
     """Return where most robots have their largest position error in a sentence."""
-    where = _label(result, result.worst_pose(0))
-    return f"most often at {where}: {100 * float(result.share_of_maximum[0].max()):.3g} % of robots have their largest |d| there"
+    label = _label(result, result.worst_pose(0))
+    return f"most often at {label}: {100 * float(result.share_of_maximum[0].max()):.3g} % of robots have their largest |d| there"
 
 
 def verdict_lines(result: PathResult) -> list[str]:
     """Return a line for each specification."""
     samples = "{share} % of robots inside at every pose, interval {low} to {high} %"
-    more = {"undecided": ": more samples decide it"}
+    suffixes = {"undecided": ": more samples decide it"}
     return [
-        verdict_line(f"spec {demanded(one)} along the whole path", one, samples + more.get(one.verdict, ""))
-        for one in result.specification_results
+        verdict_line(f"spec {demanded(spec)} along the whole path", spec, samples + suffixes.get(spec.verdict, ""))
+        for spec in result.specification_results
     ]
 
 
@@ -91,18 +91,18 @@ def band_lines(result: PathResult) -> list[str]:
     lines, share = [], f"{100 * result.probability:.6g} %"
     for norm, (quantity, unit) in enumerate(_QUANTITIES):
         band, pointwise = result.simultaneous(norm), result.pointwise(norm)
-        held, low, high = format_share(band.coverage, band.coverage_interval, result.probability)
-        below, *ends = format_share(pointwise.coverage, pointwise.coverage_interval, result.probability)
-        limit, themselves = (
-            f"{_upwards(band.factor or 0.0, 5)} times the {share} quantiles at every pose",
+        coverage, low, high = format_share(band.coverage, band.coverage_interval, result.probability)
+        pointwise_share, *interval = format_share(pointwise.coverage, pointwise.coverage_interval, result.probability)
+        limit, alternative = (
+            f"{_round_up(band.factor or 0.0, 5)} times the {share} quantiles at every pose",
             "the quantiles themselves",
         )
         if band.factor is None:
-            limit = f"{_upwards(1e3 * float(result.band[norm].max()))} {unit} at every pose"
-            themselves = f"0, the {share} quantile at every pose"
+            limit = f"{_round_up(1e3 * float(result.band[norm].max()))} {unit} at every pose"
+            alternative = f"0, the {share} quantile at every pose"
         lines.append(
-            f"{symbol(quantity)}: at least {share} of robots stay below {limit} ({held} % of fresh ones, {low} to {high} %), "
-            f"{below} % ({ends[0]} to {ends[1]} %) below {themselves}"
+            f"{symbol(quantity)}: at least {share} of robots stay below {limit} ({coverage} % of fresh ones, {low} to {high} %), "
+            f"{pointwise_share} % ({interval[0]} to {interval[1]} %) below {alternative}"
         )
     return lines
 
@@ -110,24 +110,24 @@ def band_lines(result: PathResult) -> list[str]:
 def pose_rows(result: PathResult) -> list[list[str]]:
     """Return the cells of the listed poses, headings first."""
     rows = [["pose", "|d| mm", "band", "largest here", "|δ| mrad", "band", "largest here"]]
-    for pose in _listed(result):
+    for pose in _list_poses(result):
         cells = [_label(result, pose)]
         for norm in (0, 1):
             low, high = (1e3 * result.curve_interval[:, norm, pose]).tolist()
             cells.append(format_inside(1e3 * float(result.curve[norm, pose]), (low, high), most=5))
-            cells.append(_upwards(1e3 * float(result.band[norm, pose])))
+            cells.append(_round_up(1e3 * float(result.band[norm, pose])))
             cells.append(f"{100 * float(result.share_of_maximum[norm, pose]):.1f} %")
         rows.append(cells)
     return rows
 
 
 def quantile_text(result: PathResult, norm: int, probability: float, most: int = 5) -> tuple[str, str]:
-    """Return a quantile of the largest |d| or |δ| to at most so many digits, and its interval, mm or mrad."""
-    one = result.maximum_quantile(norm, probability)
-    if one.value is None or one.interval is None:
+    """Return a quantile of the largest |d| or |δ| to at most ``most`` digits, and its interval, mm or mrad."""
+    value = result.maximum_quantile(norm, probability)
+    if value.value is None or value.interval is None:
         return "-", "-"
-    ends = (1e3 * one.interval[0], 1e3 * one.interval[1])
-    return format_inside(1e3 * one.value, ends, most=most), " to ".join(format_interval(*one.interval, 1e3))
+    ends = (1e3 * value.interval[0], 1e3 * value.interval[1])
+    return format_inside(1e3 * value.value, ends, most=most), " to ".join(format_interval(*value.interval, 1e3))
 
 
 def _label(result: PathResult, pose: int) -> str:
@@ -135,12 +135,12 @@ def _label(result: PathResult, pose: int) -> str:
     return shown(label) if len(label) <= _MOST_LETTERS else shortened(visible(label), _MOST_LETTERS)
 
 
-def _upwards(value: float, digits: int = 4) -> str:
+def _round_up(value: float, digits: int = 4) -> str:
     """Return the height of a band rounded up, so that the printed value holds as many robots."""
     return f"{round_end(value, digits, up=True):.{digits}g}"
 
 
-def _listed(result: PathResult) -> list[int]:
+def _list_poses(result: PathResult) -> list[int]:
     """Return the listed poses in order: all, or those where most robots have their largest |d|."""
     poses = range(len(result.poses))
     if len(poses) <= _MOST_ROWS:

@@ -24,10 +24,10 @@ from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, S
 from precision_pin.render.html import Child, Html, beside, items, table
 from precision_pin.render.tables import ROUNDING, milli, symbol, unit
 
-_LISTED: Final = 15
+_LISTED: Final = 15  # contributions in the table of the report
 _MEANS: Final = "error at the means"
-_BARS: Final = 8
-_CUT: Final = 4
+_BARS: Final = 8  # contributions in the figure of the report
+_CUT: Final = 4  # draws named in a sentence
 
 
 def content(result: WorstCaseResult, results: Results) -> list[Child]:
@@ -37,7 +37,7 @@ def content(result: WorstCaseResult, results: Results) -> list[Child]:
     chart = figure_style.inline_figure(
         figure(result, 0, {bound.quantity: _entries(bound, results, _BARS) for bound in norms}),
         f"{results.prefix}worst-case",
-        f"How the draws add up to the worst case: {'; '.join(_described(bound, results) for bound in norms)}",
+        f"How the draws add up to the worst case: {'; '.join(_describe(bound, results) for bound in norms)}",
         "Each bar begins where the one above it ends.",
     )
     return [
@@ -50,21 +50,21 @@ def content(result: WorstCaseResult, results: Results) -> list[Child]:
 
 
 def _assumptions(result: WorstCaseResult, results: Results) -> list[str]:
-    words = {name: cause.words for cause in results.causes for name in cause.names}
-    cut = list(dict.fromkeys(words.get(name, name) for name in result.cut))
-    named = ", ".join(cut[:_CUT]) + (f" and {len(cut) - _CUT} more" if len(cut) > _CUT else "")
-    return [*result.assumptions[:-1], result.say_cut(named), *explain_excess(result.poses[0])]
+    descriptions = {name: cause.words for cause in results.causes for name in cause.names}
+    cut_names = list(dict.fromkeys(descriptions.get(name, name) for name in result.cut))
+    text = ", ".join(cut_names[:_CUT]) + (f" and {len(cut_names) - _CUT} more" if len(cut_names) > _CUT else "")
+    return [*result.assumptions[:-1], result.say_cut(text), *explain_excess(result.poses[0])]
 
 
 def _entries(bound: NormBound, results: Results, most: int) -> list[tuple[str, float]]:
     values = {entry.draw: entry.value for entry in bound.contributions}
     entries = [entry for entry in sum_by_cause(results.causes, values) if abs(entry[1]) > ROUNDING]
-    named, rest = entries[:most], entries[most:]
-    more = [(f"{len(rest)} more", sum(value for _, value in rest))] if rest else []
-    return [(_MEANS, bound.nominal), *named, *more]
+    largest, others = entries[:most], entries[most:]
+    remainder = [(f"{len(others)} more", sum(value for _, value in others))] if others else []
+    return [(_MEANS, bound.nominal), *largest, *remainder]
 
 
-def _described(bound: NormBound, results: Results) -> str:
+def _describe(bound: NormBound, results: Results) -> str:
     name, upper = bound.quantity, bound_milli(bound.first_order.upper, digits=5)
     return (
         f"{symbol(name)} bound {upper} {unit(name)}, exact model at least {milli(bound.found.norm, 5)}, "
@@ -80,8 +80,8 @@ def _contributions(bound: NormBound, results: Results) -> Html:
     return table(f"What adds up to the worst {symbol(bound.quantity)}", header, rows, last=True)
 
 
-_LONGEST_NAME: Final = 44
-_BAR: Final = 4.6
+_LONGEST_NAME: Final = 44  # letters beside the bars
+_BAR: Final = 4.6  # mm, height of a bar with its gap
 
 
 def figure(
@@ -101,15 +101,15 @@ def figure(
         lines.append(f"unbounded laws cut at {result.k:g} standard deviations: {len(result.cut)} of {result.draws}")
     lines += explain_excess(pose)
     with figure_style.style():
-        drawn = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
+        chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         bounds = (pose.position, pose.attitude)
-        bars = [listed_contributions(one, _MEANS) if entries is None else entries[one.quantity] for one in bounds]
-        panels = drawn.subplots(2, 1, height_ratios=[max(len(rows), 4) for rows in bars])
+        bars = [listed_contributions(bound, _MEANS) if entries is None else entries[bound.quantity] for bound in bounds]
+        panels = chart.subplots(2, 1, height_ratios=[max(len(rows), 4) for rows in bars])
         for axes, bound, rows in zip(panels, bounds, bars, strict=True):
             _draw(axes, bound, rows)
         height = 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + figure_style.LINE_HEIGHT * (len(lines) + 2)
-        figure_style.end_figure(drawn, panels[:1], lines, height)
-    return drawn
+        figure_style.end_figure(chart, panels[:1], lines, height)
+    return chart
 
 
 def draw(axes: Axes, result: WorstCaseResult, which: int, quantity: str) -> None:
@@ -135,11 +135,11 @@ def explain_excess(pose: PoseWorstCase) -> list[str]:
 
 
 def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) -> None:
-    name, shown = symbol(bound.quantity), display_unit(bound.seen)
+    name, unit = symbol(bound.quantity), display_unit(bound.seen)
     begin = 0.0
     for row, (_, value) in enumerate(entries):
         colour = BLUE if row == 0 else SKY
-        axes.barh(row, value * shown.per_si, left=begin * shown.per_si, height=0.7, color=colour, linewidth=0)
+        axes.barh(row, value * unit.per_si, left=begin * unit.per_si, height=0.7, color=colour, linewidth=0)
         begin += value
     axes.set_yticks(range(len(entries)), [figure_style.shortened(name, _LONGEST_NAME) for name, _ in entries])
     axes.set_ylim(max(len(entries), 4) - 0.4, -0.6)
@@ -152,14 +152,14 @@ def _draw(axes: Axes, bound: NormBound, entries: Sequence[tuple[str, float]]) ->
         (bound.seen.resolved_quantile(SEEN_LEVEL), PURPLE, (0, (6, 1.5, 1.2, 1.5)), 1.0, quantile),
     ):
         if size is not None:
-            axes.axvline(size * shown.per_si, color=colour, linestyle=dashes, linewidth=width, label=label)
+            axes.axvline(size * unit.per_si, color=colour, linestyle=dashes, linewidth=width, label=label)
     axes.axvline(0, color=BLACK, linewidth=0.6)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 2, 5, 10]))
     axes.ticklabel_format(axis="x", style="plain", useOffset=False)
     axes.margins(x=0.03)
-    axes.set_xlabel(f"{name} [{shown.name}]")
+    axes.set_xlabel(f"{name} [{unit.name}]")
     axes.set_title(
-        f"{name}: bound {bound.first_order.upper * shown.per_si:.5g}, exact model at least "
-        f"{bound.found.norm * shown.per_si:.5g}, largest seen {bound.seen.max * shown.per_si:.5g} {shown.name}",
+        f"{name}: bound {bound.first_order.upper * unit.per_si:.5g}, exact model at least "
+        f"{bound.found.norm * unit.per_si:.5g}, largest seen {bound.seen.max * unit.per_si:.5g} {unit.name}",
         fontsize=7.5,
     )

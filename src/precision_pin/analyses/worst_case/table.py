@@ -26,7 +26,7 @@ NORM_COLUMNS: Final = (
     *QUANTITY,
     Column("high", bound_milli, text="first order"),
     Column(
-        lambda one: bound_milli(one.high) + _UNPROVEN * (not one.first_order.certified),
+        lambda bound: bound_milli(bound.high) + _UNPROVEN * (not bound.first_order.certified),
         report="first-order bound",
     ),
     Column("exact_norm", milli, text="there", report="exact model there"),
@@ -42,14 +42,14 @@ LISTED: Final = 8
 
 def table(result: WorstCaseResult) -> str:
     """Return the bounds, the largest exact errors found and sampled, and the contributions; mm and mrad."""
-    cut = f"cut at {result.k:g} standard deviations: {_listed(result.cut)}" if result.cut else "every law is bounded"
+    cuts = f"cut at {result.k:g} standard deviations: {_names(result.cut)}" if result.cut else "every law is bounded"
     provenance = result.provenance
     sizes = [pose.position.first_order.upper for pose in result.poses]
     parts = [answer_of([pose.pose for pose in result.poses], sizes, [*map(_answer, result.poses)])]
     for pose in result.poses:
         lines = [
             subject(provenance, pose.pose),
-            f"worst case of {result.draws} draws, {cut}",
+            f"worst case of {result.draws} draws, {cuts}",
             f"compared with {result.samples:,} samples, seed {provenance.seed}, exact model, statics {provenance.statics}; "
             "errors in base axes",
             "",
@@ -59,7 +59,7 @@ def table(result: WorstCaseResult) -> str:
         ]
         for bound in (pose.position, pose.attitude):
             lines += ["", *_contributions(bound)]
-        lines += _exceeded(pose)
+        lines += _describe_excess(pose)
         parts.append("\n".join(lines))
     parts.append(
         "first order: largest error of the tangent model, a bound; there: the exact model at the same parameters;\n"
@@ -69,38 +69,38 @@ def table(result: WorstCaseResult) -> str:
 
 
 def _answer(pose: PoseWorstCase) -> str:
-    of = (pose.position, pose.attitude)
-    bounds = ", ".join(f"{symbol(one.quantity)} {bound_milli(one.high)} {unit(one.quantity)}" for one in of)
-    found = ", ".join(f"{milli(one.found.norm)} {unit(one.quantity)}" for one in of)
-    return f"at worst, every tolerance at once: {bounds} to first order; exact model: {found} found"
+    norms = (pose.position, pose.attitude)
+    bounds = ", ".join(f"{symbol(bound.quantity)} {bound_milli(bound.high)} {unit(bound.quantity)}" for bound in norms)
+    maxima = ", ".join(f"{milli(bound.found.norm)} {unit(bound.quantity)}" for bound in norms)
+    return f"at worst, every tolerance at once: {bounds} to first order; exact model: {maxima} found"
 
 
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return f"{', '.join(names[:LISTED])}{more}"
+def _names(names: Sequence[str]) -> str:
+    suffix = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return f"{', '.join(names[:LISTED])}{suffix}"
 
 
 def _contributions(bound: NormBound) -> list[str]:
     """Return the contributions of the draws; the heading states whether the bound is certified."""
-    found = bound.first_order
-    if found.certified:
-        width = 0.0 if found.upper == 0 else found.upper / found.lower - 1
-        proof = ", in closed form" if found.cells == 0 else ""
-        how = f"global within {bound_text(max(width, 1e-12))}{proof}"
+    maximum = bound.first_order
+    if maximum.certified:
+        width = 0.0 if maximum.upper == 0 else maximum.upper / maximum.lower - 1
+        proof = ", in closed form" if maximum.cells == 0 else ""
+        accuracy = f"global within {bound_text(max(width, 1e-12))}{proof}"
     else:
-        how = (
+        accuracy = (
             "NOT resolved to 1e-9: the largest first-order error lies between "
-            f"{1e3 * found.lower:.9g} and {1e3 * found.upper:.9g} {unit(bound.quantity)}"
+            f"{1e3 * maximum.lower:.9g} and {1e3 * maximum.upper:.9g} {unit(bound.quantity)}"
         )
     places = {entry.draw: f"at {entry.at}" for entry in bound.contributions}
     rows = [
         [f"  {name}", unit(bound.quantity), milli(value), places.get(name, "")]
         for name, value in listed_contributions(bound, "error at the means")
     ]
-    return [f"contributions to {symbol(bound.quantity)} ({how}):", *aligned(rows)]
+    return [f"contributions to {symbol(bound.quantity)} ({accuracy}):", *aligned(rows)]
 
 
-def _exceeded(pose: PoseWorstCase) -> list[str]:
+def _describe_excess(pose: PoseWorstCase) -> list[str]:
     lines = [
         f"the exact model goes beyond the first-order bound of {symbol(bound.quantity)} by "
         f"{1e3 * (bound.found.norm - bound.first_order.upper):.3g} {unit(bound.quantity)}: "
@@ -115,6 +115,6 @@ def listed_contributions(bound: NormBound, nominal: str) -> list[tuple[str, floa
     """Return the error at the means, the largest contributions and the sum of the others."""
     entries = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING]
     count = len(entries) if len(entries) <= LISTED + 1 else LISTED
-    rest = [entry.value for entry in entries[count:]]
-    others = [(f"{len(rest)} others", sum(rest))] if rest else []
-    return [(nominal, bound.nominal), *((entry.draw, entry.value) for entry in entries[:count]), *others]
+    other_values = [entry.value for entry in entries[count:]]
+    remainder = [(f"{len(other_values)} others", sum(other_values))] if other_values else []
+    return [(nominal, bound.nominal), *((entry.draw, entry.value) for entry in entries[:count]), *remainder]

@@ -45,7 +45,7 @@ SEEN_LEVEL: Final = 0.9973
 BENT: Final = 1e-3
 """Relative excess of the exact model over the bound that causes no warning."""
 
-_ROUNDING: Final = 1e-14
+_ROUNDING: Final = 1e-14  # error (m, rad) that counts as rounding
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class ComponentBound:
     low: float
     high: float
     seen: tuple[float, float]
-    # what only |d| and |δ| have
+    # entries of |d| and |δ| only
     first_order: ClassVar = None
     exact_norm: ClassVar = None
     found: ClassVar = None
@@ -198,7 +198,7 @@ class PoseWorstCase(Record):
     @property
     def bounds(self) -> dict[str, Any]:
         """Bounds of the components, as in the JSON."""
-        return {one.quantity: {"first_order": (one.low, one.high), "seen": one.seen} for one in self.components}
+        return {part.quantity: {"first_order": (part.low, part.high), "seen": part.seen} for part in self.components}
 
 
 def bound_milli(value: float, *, up: bool = True, digits: int = 6) -> str:
@@ -232,8 +232,8 @@ class WorstCaseResult(Result):
         Column("first_order.lower", frame="attained"),
         Column("exact_norm", frame="exact_there"),
         Column("found.norm", milli, notebook="exact, found", frame="exact_found"),
-        Column(lambda one: one.seen_ends[0], milli, "smallest seen", "smallest seen", "smallest seen", "seen_min"),
-        Column(lambda one: one.seen_ends[1], milli, "largest seen", "largest seen", "largest seen", "seen_max"),
+        Column(lambda entry: entry.seen_ends[0], milli, "smallest seen", "smallest seen", "smallest seen", "seen_min"),
+        Column(lambda entry: entry.seen_ends[1], milli, "largest seen", "largest seen", "largest seen", "seen_max"),
     )
 
     k: float
@@ -269,7 +269,7 @@ class WorstCaseResult(Result):
     def rows(self, pose: PoseWorstCase) -> list[NormBound | ComponentBound]:
         """Return the bounds of the eight quantities."""
         bounds: list[NormBound | ComponentBound] = [pose.position, pose.attitude, *pose.components]
-        return sorted(bounds, key=lambda one: QUANTITIES.index(one.quantity))
+        return sorted(bounds, key=lambda bound: QUANTITIES.index(bound.quantity))
 
     @property
     def summary(self) -> str:
@@ -284,10 +284,10 @@ class WorstCaseResult(Result):
         return "Worst case"
 
     def _notes(self) -> list[str]:
-        of = self.provenance
+        run = self.provenance
         return [
             *self.assumptions,
-            f"seen: among {self.samples:,} samples, seed {of.seed}, exact model, statics {of.statics}; base axes",
+            f"seen: among {self.samples:,} samples, seed {run.seed}, exact model, statics {run.statics}; base axes",
         ]
 
 
@@ -299,9 +299,9 @@ MOST_NUMBERS: Final = 10_000
 
 _COMPONENTS: Final = tuple(f"{vector}.{axis}" for vector in ("position", "attitude") for axis in "xyz")
 _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
-_EXCHANGES: Final = 100
-_STEP: Final = 1e-4
-_GAIN: Final = 1e-12
+_EXCHANGES: Final = 100  # most steps of an ascent
+_STEP: Final = 1e-4  # of the central differences, as a fraction of the width of the support
+_GAIN: Final = 1e-12  # smallest relative increase of a step that is not rounding
 # largest number of components, 8 bytes each, in one evaluation of the exact model
 _NUMBERS_AT_ONCE: Final = 2**22
 
@@ -345,7 +345,7 @@ def worst_case(
         >>> print(round(1e3 * bound.upper, 1))
         46.6
     """
-    chosen, known = check_request(
+    pose_list, findings = check_request(
         error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_samples(samples)
@@ -357,7 +357,7 @@ def worst_case(
         )
     supports = Supports.of(error_model.space, k)
     sampling = {"samples": samples, "seed": seed, "confidence": confidence, "progress": progress}
-    found = [_at_pose(error_model, one, supports, sampling) for one in chosen]
+    entries = [_at_pose(error_model, pose, supports, sampling) for pose in pose_list]
     return WorstCaseResult(
         provenance=Provenance.of(error_model, seed),
         samples=int(samples),
@@ -365,9 +365,9 @@ def worst_case(
         k=float(k),
         cut=supports.cut,
         draws=len(error_model.space.draws),
-        poses=tuple(result for result, _ in found),
-        findings=known,
-        warnings=list_warnings(known, (line for _, lines in found for line in lines)),
+        poses=tuple(result for result, _ in entries),
+        findings=findings,
+        warnings=list_warnings(findings, (line for _, lines in entries for line in lines)),
     )
 
 
@@ -375,8 +375,8 @@ def _at_pose(
     error_model: ErrorModel, q: Pose, supports: Supports, sampling: Mapping[str, Any]
 ) -> tuple[PoseWorstCase, tuple[str, ...]]:
     analysis = monte_carlo(error_model, q, keep_samples=sampling["samples"] <= MOST_KEPT, **sampling)
-    at = error_model.at(q)
-    variants = side_variants(at)
+    model = error_model.at(q)
+    variants = side_variants(model)
     tangents = [variant.tangent for variant in variants]
     lows = np.min([error - supports.heights(-jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
     highs = np.max([error + supports.heights(jacobian).sum(axis=0) for error, jacobian in tangents], axis=0)
@@ -385,38 +385,38 @@ def _at_pose(
         ComponentBound(seen.quantity, low, high, (seen.min, seen.max))
         for seen, low, high in zip(sampled_laws, lows.tolist(), highs.tolist(), strict=True)
     )
-    layout = sampler.to_arrays(at)
+    layout = sampler.to_arrays(model)
     norms = []
     for quantity, rows in _NORMS.items():
-        sampled = None
+        worst_sample = None
         if analysis.errors is not None:
             largest = int(np.linalg.norm(analysis.errors[rows], axis=0).argmax())
-            sampled = at.space.sample(sampling["seed"], largest, 1)[:, 0]
+            worst_sample = model.space.sample(sampling["seed"], largest, 1)[:, 0]
         seen = analysis.summary.distribution(quantity)
-        bounds = [_bound(variant, layout, supports, rows, seen, sampled) for variant in variants]
+        bounds = [_bound(variant, layout, supports, rows, seen, worst_sample) for variant in variants]
         norms.append(max(bounds, key=lambda bound: bound.first_order.upper))
-    result = PoseWorstCase(PoseLabel.of(error_model, q, at), at.error_at_means, components, *norms)
-    unbounded = turnover_findings(at) if len(variants) == 1 else ()
+    result = PoseWorstCase(PoseLabel.of(error_model, q, model), model.error_at_means, components, *norms)
+    unbounded = turnover_findings(model) if len(variants) == 1 else ()
     return result, (*analysis.warnings, *map(str, unbounded))
 
 
 def _bound(
-    at: PoseModel, layout: SamplerArrays, supports: Supports, rows: slice, seen: Distribution, sampled: Array | None
+    model: PoseModel, layout: SamplerArrays, supports: Supports, rows: slice, seen: Distribution, sample: Array | None
 ) -> NormBound:
-    error, jacobian = at.tangent[0][rows], at.tangent[1][rows]
+    error, jacobian = model.tangent[0][rows], model.tangent[1][rows]
     bound = farthest_error(error, jacobian, supports)
     weights = bound.direction @ jacobian
     shares = supports.heights(weights[None])[:, 0]
-    x = at.space.mean + supports.points(weights[None])[0]
+    x = model.space.mean + supports.points(weights[None])[0]
     exact = sampler.errors_at(layout, "exact", x[:, None])[:, 0]
     directions = np.concatenate([bound.direction[None], -bound.direction[None], np.eye(3), -np.eye(3)])
-    starts = at.space.mean + supports.points(directions @ jacobian)
-    if sampled is not None:
-        inside = sampled if not supports.cut else _toward(layout, supports, rows, sampled[None])[0]
-        starts = np.concatenate([starts, inside[None]])
+    starts = model.space.mean + supports.points(directions @ jacobian)
+    if sample is not None:
+        start = sample if not supports.cut else _support_points(layout, supports, rows, sample[None])[0]
+        starts = np.concatenate([starts, start[None]])
     place, size = _climb(layout, supports, rows, starts)
-    names = at.space.components
-    quantities = [quantity for draw in at.space.draws for quantity in draw.known_quantities]
+    names = model.space.components
+    quantities = [quantity for draw in model.space.draws for quantity in draw.known_quantities]
     values = [
         f"{value:.4g}" if quantity is None else WrittenUnit.suiting(quantity, [value]).short(value)
         for quantity, value in zip(quantities, x.tolist(), strict=True)
@@ -457,9 +457,9 @@ def farthest_error(error: Array, jacobian: Array, supports: Supports) -> Farthes
         for body, columns in zip(supports.bodies, supports.columns, strict=True):
             if body.form is None:
                 return np.inf
-            middle, own = body.form
+            middle, root_list = body.form
             centre += jacobian[:, columns] @ middle
-            roots += [jacobian[:, columns] @ root for root in own]
+            roots += [jacobian[:, columns] @ root for root in root_list]
         return quadratic_bound(centre, roots, direction)
 
     return farthest(heights, touch, bound)
@@ -469,48 +469,48 @@ def _climb(layout: SamplerArrays, supports: Supports, rows: slice, starts: Array
     """Return the best point ``(d,)``, and |error| there, of local ascents of the exact model from ``(S, d)``.
 
     Each step moves the draws to their support points along the gradient (Frank-Wolfe with a full step): all of them,
-    or, if that gives no increase, the one with the largest increase. Every point lies in the supports, of any form.
+    or, if that gives no increase, the draw with the largest increase. Every point lies in the supports, of any form.
     """
     places, sizes = starts.copy(), _sizes(layout, rows, starts)
     groups = supports.columns
     for _ in range(_EXCHANGES if groups else 0):
-        aims = _toward(layout, supports, rows, places)
-        reached = _sizes(layout, rows, aims)
-        better = reached > sizes * (1 + _GAIN)
-        places[better], sizes[better] = aims[better], reached[better]
-        improved = bool(better.any())
-        for start in np.flatnonzero(~better):
-            tried = np.empty(len(groups))
+        aims = _support_points(layout, supports, rows, places)
+        aim_sizes = _sizes(layout, rows, aims)
+        is_better = aim_sizes > sizes * (1 + _GAIN)
+        places[is_better], sizes[is_better] = aims[is_better], aim_sizes[is_better]
+        improved = bool(is_better.any())
+        for start in np.flatnonzero(~is_better):
+            trial_sizes = np.empty(len(groups))
             for batch in _batches(len(groups), supports.space.size):
                 single = np.repeat(places[start][None], batch.size, axis=0)
                 for row, group in enumerate(batch.tolist()):
                     single[row, groups[group]] = aims[start, groups[group]]
-                tried[batch] = _sizes(layout, rows, single)
-            best = int(tried.argmax())
-            if tried[best] > sizes[start] * (1 + _GAIN):
-                places[start, groups[best]] = aims[start, groups[best]]
-                sizes[start], improved = tried[best], True
+                trial_sizes[batch] = _sizes(layout, rows, single)
+            largest = int(trial_sizes.argmax())
+            if trial_sizes[largest] > sizes[start] * (1 + _GAIN):
+                places[start, groups[largest]] = aims[start, groups[largest]]
+                sizes[start], improved = trial_sizes[largest], True
         if not improved:
             break
-    best = int(sizes.argmax())
-    return places[best], float(sizes[best])
+    largest = int(sizes.argmax())
+    return places[largest], float(sizes[largest])
 
 
-def _toward(layout: SamplerArrays, supports: Supports, rows: slice, places: Array) -> Array:
+def _support_points(layout: SamplerArrays, supports: Supports, rows: slice, places: Array) -> Array:
     """Return the points of the supports ``(S, d)`` farthest along the gradient of |error| at points ``(S, d)``."""
     mean = supports.space.mean
-    low, high = (mean + end for end in supports.ends)
+    low, high = (mean + side for side in supports.ends)
     # inside the supports, because a formula or a stiffness may be undefined outside
-    inside = np.clip(places, low, high)
+    clipped = np.clip(places, low, high)
     step = _STEP * (high - low)
-    upper, lower = np.minimum(inside + step, high), np.maximum(inside - step, low)
-    sizes = np.empty((2, inside.size))
-    for moved in _batches(inside.size, mean.size):
-        start, column = np.divmod(moved, mean.size)
-        for end, values in enumerate((upper, lower)):
-            tried = inside[start]
-            tried[np.arange(moved.size), column] = values[start, column]
-            sizes[end, moved] = _sizes(layout, rows, tried)
+    upper, lower = np.minimum(clipped + step, high), np.maximum(clipped - step, low)
+    sizes = np.empty((2, clipped.size))
+    for batch in _batches(clipped.size, mean.size):
+        start, column = np.divmod(batch, mean.size)
+        for side, values in enumerate((upper, lower)):
+            trials = clipped[start]
+            trials[np.arange(batch.size), column] = values[start, column]
+            sizes[side, batch] = _sizes(layout, rows, trials)
     width = upper - lower
     slopes = np.divide((sizes[0] - sizes[1]).reshape(width.shape), width, out=np.zeros_like(width), where=width > 0)
     return mean + supports.points(slopes)
@@ -533,9 +533,9 @@ TOLERANCE: Final = 1e-9
 MOST_CELLS: Final = 400_000
 """Largest number of triangles; the search then ends with the bounds reached."""
 
-_SEARCH_ROUNDING: Final = 1e-12
-_ASCENTS: Final = 500
-_CHUNK: Final = 2**15
+_SEARCH_ROUNDING: Final = 1e-12  # relative rounding error of the search, added to its bounds
+_ASCENTS: Final = 500  # most steps of an ascent
+_CHUNK: Final = 2**15  # directions evaluated together
 
 
 @dataclass(frozen=True, eq=False)
@@ -585,28 +585,28 @@ def farthest(
         return float(heights(place[None])[0]), place
 
     corners = _sphere()
-    best, direction = ascend(corners[:, 0])
-    if best <= 0:
+    longest, direction = ascend(corners[:, 0])
+    if longest <= 0:
         return Farthest(direction, 0.0, 0.0, 0)
-    goal = best * (1 + TOLERANCE - 2 * _SEARCH_ROUNDING)
+    threshold = longest * (1 + TOLERANCE - 2 * _SEARCH_ROUNDING)
     ceiling = bound(direction)
-    if ceiling <= goal:
-        return Farthest(direction, best, max(best, ceiling) * (1 + _SEARCH_ROUNDING), 0)
+    if ceiling <= threshold:
+        return Farthest(direction, longest, max(longest, ceiling) * (1 + _SEARCH_ROUNDING), 0)
     values = search(corners.reshape(-1, 3)).reshape(-1, 3)
-    dropped, cells = best, 0
+    discarded, cells = longest, 0
     while True:
         cells += len(corners)
         bounds = values.max(axis=1) / _plane_distance(corners)
-        still = bounds > best * (1 + TOLERANCE - 2 * _SEARCH_ROUNDING)
-        dropped = max(dropped, float(bounds[~still].max(initial=0.0)))
-        if not still.any() or cells + 4 * still.sum() > most_cells:
-            upper = max(dropped, float(bounds[still].max(initial=0.0)))
-            return Farthest(direction, best, min(upper, ceiling) * (1 + _SEARCH_ROUNDING), cells)
-        corners, values = _quarter(corners[still], values[still], search)
-        if values.max() > best:
-            found, place = ascend(corners.reshape(-1, 3)[values.argmax()][None])
-            if found > best:
-                best, direction = found, place
+        is_open = bounds > longest * (1 + TOLERANCE - 2 * _SEARCH_ROUNDING)
+        discarded = max(discarded, float(bounds[~is_open].max(initial=0.0)))
+        if not is_open.any() or cells + 4 * is_open.sum() > most_cells:
+            upper = max(discarded, float(bounds[is_open].max(initial=0.0)))
+            return Farthest(direction, longest, min(upper, ceiling) * (1 + _SEARCH_ROUNDING), cells)
+        corners, values = _quarter(corners[is_open], values[is_open], search)
+        if values.max() > longest:
+            length, place = ascend(corners.reshape(-1, 3)[values.argmax()][None])
+            if length > longest:
+                longest, direction = length, place
 
 
 def quadratic_bound(centre: Array, roots: list[Array], direction: Array) -> float:
@@ -649,15 +649,15 @@ def _ascend(touch: Callable[[Array], Array], directions: Array) -> Array:
 
     |z| never decreases, because the farthest point along z/|z| is at least as far as z.
     """
-    best = 0.0
+    longest = 0.0
     place: Array = directions[0]
     for _ in range(_ASCENTS):
         points = touch(directions)
         sizes = np.linalg.norm(points, axis=1)
         largest = int(sizes.argmax())
-        if sizes[largest] <= best * (1 + 1e-15):
+        if sizes[largest] <= longest * (1 + 1e-15):
             break
-        best, place = float(sizes[largest]), points[largest] / sizes[largest]
+        longest, place = float(sizes[largest]), points[largest] / sizes[largest]
         moving = sizes > 0
         directions = points[moving] / sizes[moving, None]
     return place
