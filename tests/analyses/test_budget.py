@@ -56,6 +56,13 @@ def gantry(*sources, space=pp.Space()):  # noqa: B008 - immutable
     return pp.ErrorModel(chain_of(GANTRY, tip="tool", gravity=(0, 0, 0)), space, sources)
 
 
+@pytest.mark.parametrize("analysis", [pp.monte_carlo, pp.budget, pp.moments])
+def test_errors_whose_fourth_powers_overflow_are_refused_by_each_analysis_that_samples(analysis):
+    model = gantry(Frame(frame="tool", x=pp.Normal(1e40)))
+    with pytest.raises(pp.InputError, match="the errors at this pose are too large to compute with"):
+        analysis(model, np.zeros(len(model.chain.joints)), samples=FEW)
+
+
 def test_shares_by_hand(swing_budget):
     """Δy = r + 0.5 s: variances 1e-8/3 and 0.25e-8, shares 4/7 and 3/7; the rail reaches 0.1 mm, the swivel 4 σ · 0.5 m."""
     rail, swivel = swing_budget.draws

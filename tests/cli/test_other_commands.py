@@ -200,8 +200,7 @@ from precision_pin.model.error_model import ErrorModel
 def command(sheet, out):
     """Write the variance of every random number, as CSV."""
     outputs = Outputs({"--out": out})
-    outputs.check()
-    outputs.refuse_inputs([sheet])
+    outputs.check([sheet])
     space = ErrorModel.load(sheet).space
     rows = zip(space.components, space.covariance.diagonal().tolist())
     write_text(out, "component,variance\\n" + "".join(f"{name},{variance!r}\\n" for name, variance in rows))

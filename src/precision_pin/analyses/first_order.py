@@ -85,8 +85,7 @@ class FirstOrder(Fixed):
 
 def shared_covariance(space: Space, scopes: Sequence[Scope] = (Scope.UNIT,)) -> BlockCovariance:
     """Return the covariance of the draws of some scopes alone, by default those shared by a robot's poses."""
-    shared = np.repeat([draw.scope in scopes for draw in space.draws], [draw.law.size for draw in space.draws])
-    return space.block_covariance.scaled(shared.astype(float))
+    return space.block_covariance.scaled(space.has_scope(*scopes).astype(float))
 
 
 def first_order(

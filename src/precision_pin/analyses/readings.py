@@ -16,7 +16,7 @@ from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.base.files import csv_text
 from precision_pin.draws.draw import MOST_VISITS, Scope
-from precision_pin.draws.space import Space, check_seed
+from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
@@ -33,17 +33,9 @@ COLUMNS: Final = {
 """Names of the numbers of a reading, by kind: lengths, or angles if they start with r."""
 
 
-def columns_of_scope(space: Space, scope: Scope) -> NDArray[np.intp]:
-    """Return the columns of the numbers that are drawn for a scope."""
-    columns = [
-        np.arange(s.start, s.stop) for draw, s in zip(space.draws, space.slices, strict=True) if draw.scope is scope
-    ]
-    return np.concatenate([np.zeros(0, dtype=np.intp), *columns]).astype(np.intp)
-
-
 def scope_covariance(at: PoseModel, scope: Scope) -> Array:
     """Return the covariance ``(6, 6)`` of the error by the numbers of a scope, first order."""
-    columns = columns_of_scope(at.space, scope)
+    columns = np.flatnonzero(at.space.has_scope(scope))
     slopes = at.jacobian[:, columns]
     return np.asarray(slopes @ at.space.block_covariance.within(columns) @ slopes.T)
 

@@ -127,23 +127,28 @@ def echo_new_warnings(job: Job, result: Any) -> None:
         echo_warnings(result.findings[len(job.findings) :])
 
 
-def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, Mapping[str, Any]]:
-    """Reject wrong options and unwritable outputs before any work; return outputs, and each sheet's options by name."""
+def check_shared(options: dict[str, Any]) -> None:
+    """Reject wrong values of the shared options of a command before any input is read; parse the specifications."""
     from precision_pin.draws.space import check_seed
 
     if "seed" in options:
         check_seed(options["seed"])
     if "specs" in options:
         options["specs"] = load(_LISTED)(options["specs"])
+    if "grid" in options:
+        check_poses(options)
+    if "dask" in options:
+        check_workers(options)
+
+
+def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, Mapping[str, Any]]:
+    """Reject wrong options and unwritable outputs before any work; return outputs, and each sheet's options by name."""
+    check_shared(options)
     for option in declaration.own_options:
         if option.check:
             load(option.check)(options[option.argument])
         if option.read is not None and options[option.argument] is not None:
             options[option.argument] = option.read(options[option.argument])
-    if "poses" in declaration.options:
-        check_poses(options)
-    if "workers" in declaration.options:
-        check_workers(options)
     try:
         if declaration.check is not None:
             declaration.check(options)
@@ -153,12 +158,11 @@ def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, 
     names = declaration.files or (f"{declaration.name}.*", f"{declaration.name}-*")
     flags = {option.name: option.opts[0] for option in click.get_current_context().command.params}
     outputs = Outputs({flags[name]: options[name] for name in declaration.writes}, options["out"], names)
-    outputs.check()
     further: list[str] = []
     for value in filter(None, map(options.get, declaration.reads)):
         further += (value,) if isinstance(value, str) else value
     options["tables"] = [*further, *(pose_files(options) if "poses" in declaration.options else ())]
-    outputs.refuse_inputs(options["tables"])
+    outputs.check(options["tables"])
     return outputs, sheets
 
 

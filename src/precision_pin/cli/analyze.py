@@ -11,16 +11,16 @@ import click
 from precision_pin.base.errors import Finding
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import options as shared
+from precision_pin.cli.analyses import check_shared
 from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import Outputs, read_sheet, write_folder
-from precision_pin.cli.options import check_workers, compile_sampler, progress_bar, worker_options, working
-from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses, reference_pose
+from precision_pin.cli.options import compile_sampler, progress_bar, worker_options, working
+from precision_pin.cli.poses import AskedPose, pose_files, read_poses, reference_pose
 from precision_pin.cli.terminal import echo_note, echo_result, echo_warning_lines, echo_warnings
 
 if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sheet import Sheet
-    from precision_pin.statistics import Specification
 
 FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*")
 """Files written to a folder."""
@@ -56,7 +56,7 @@ FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*")
 )
 @shared.json_option
 @shared.plots_option
-def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...], **arm: Any) -> int:
+def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
     """Sample the pose error of an arm at a pose, or of the same robots at several.
 
     At several poses a specification is met only if it is met at every one. With --relative-to the errors are those relative to
@@ -65,24 +65,19 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
     depend on what samples it: threads, processes or a cluster, at one go or resumed.
     """
-    from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sampling import check_samples, monte_carlo
     from precision_pin.sampling.one_pose import relative
     from precision_pin.sampling.table import analysis_table
-    from precision_pin.statistics.plan import specification
     from precision_pin.statistics.precision import target
 
     samples = samples if samples is not None else 10**9 if until else 100_000
     check_samples(samples)
     for text in until:
         target(text)
-    check_seed(arm["seed"])
-    specifications = [specification(text) for text in specs]
-    check_workers(arm)
-    if arm["spec_everywhere"] and not specs:
+    check_shared(arm)
+    if arm["spec_everywhere"] and not arm["specs"]:
         raise click.UsageError("--spec-everywhere needs a --spec")
-    check_poses(arm)
     relative_to, out = arm["relative_to"], arm["out"]
     if relative_to is not None:
         at_one = {"--until": until, **{f"--{name}": arm[name] for name in ("processes", "dask", "journal")}}
@@ -96,8 +91,7 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
         out,
         (*FILES, *(("poses.json",) if may_be_several else ())),
     )
-    outputs.check()
-    outputs.refuse_inputs(pose_files(arm))
+    outputs.check(pose_files(arm))
     sheet = read_sheet(arm, outputs)
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)
@@ -110,12 +104,12 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
             raise click.UsageError(
                 f"{' and '.join(given)} {are} for one pose, and {len(poses):,} are given; leave one or the other out"
             )
-        return _analyze_poses(error_model, sheet, poses, samples, specifications, arm)
+        return _analyze_poses(error_model, sheet, poses, samples, arm)
     where = poses[0].where
     other = reference_pose(sheet, relative_to)
     compile_sampler(error_model.space, arm["model"])
     asked = {name: arm[name] for name in ("seed", "model")}
-    asked |= {"samples": samples, "specifications": specifications, "findings": sheet.findings}
+    asked |= {"samples": samples, "specifications": arm["specs"], "findings": sheet.findings}
     if other is not None:
         with progress_bar(samples, "sampling") as progress, unwinding():
             analysis = relative(error_model, where, other, threads=arm["threads"], progress=progress, **asked)
@@ -137,12 +131,7 @@ def command(samples: int | None, specs: tuple[str, ...], until: tuple[str, ...],
 
 
 def _analyze_poses(
-    error_model: ErrorModel,
-    sheet: Sheet,
-    poses: Sequence[AskedPose],
-    samples: int,
-    specifications: Sequence[Specification],
-    arm: shared.Options,
+    error_model: ErrorModel, sheet: Sheet, poses: Sequence[AskedPose], samples: int, arm: shared.Options
 ) -> int:
     """Sample at several poses, print and write the result; returns the exit code."""
     from precision_pin.sampling.many_poses import sample_poses
@@ -155,7 +144,7 @@ def _analyze_poses(
     with working(arm) as workers, progress_bar(steps, "sampling") as progress:
         result = sample_poses(
             error_model, [pose.where for pose in poses], samples=samples, seed=arm["seed"], model=arm["model"],
-            specifications=tuple(specifications), everywhere=arm["spec_everywhere"],
+            specifications=arm["specs"], everywhere=arm["spec_everywhere"],
             findings=(*sheet.findings, *found), files={"sheet": sheet.file}, progress=progress, **workers,
         )  # fmt: skip
     result = replace(result, names=tuple(pose.name for pose in poses))
@@ -169,8 +158,8 @@ def _analyze_poses(
 
 def _find(error_model: ErrorModel, poses: Sequence[AskedPose], model: Any) -> tuple[Finding, ...]:
     """Return the warnings at each pose, as for its analysis; beyond the first 200, those about joint limits."""
-    from precision_pin.model.verdict_grounds import MOST_POSES, exact_findings
     from precision_pin.render.tables import pose_labels
+    from precision_pin.sampling.verdict_grounds import MOST_POSES, exact_findings
 
     found = []
     for rank, (pose, label) in enumerate(zip(poses, pose_labels([pose.name for pose in poses]), strict=True)):

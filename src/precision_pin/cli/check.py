@@ -79,7 +79,7 @@ def _findings(arm: Options) -> tuple[Finding, ...]:
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
     """Return the warnings and errors of an analysis at each pose of the sheet; for very many, joint limits only."""
     from precision_pin.model.error_model import ErrorModel
-    from precision_pin.model.verdict_grounds import MOST_POSES, pose_findings
+    from precision_pin.sampling.verdict_grounds import MOST_POSES, pose_findings
 
     model = ErrorModel.from_sheet(sheet)
     varies = not any(finding.code in ("W_NO_SOURCES", "W_NOTHING_VARIES") for finding in sheet.findings)

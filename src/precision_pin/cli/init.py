@@ -58,8 +58,7 @@ def command(
     to_stdout = out == "-"
     if not to_stdout:
         outputs = Outputs({"--out": out or str(target)})
-        outputs.check()
-        outputs.refuse_inputs([str(path)])
+        outputs.check([str(path)])
         if target.exists() and not force:
             raise OutputError(f"{target} exists; --force overwrites it, --out names another file")
     with noted_inputs() as inputs:

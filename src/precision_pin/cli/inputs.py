@@ -232,8 +232,8 @@ class Outputs:
     folder: str | None = None
     names: Sequence[str] = ()
 
-    def check(self) -> None:
-        """Reject unwritable outputs before any work; creates nothing."""
+    def check(self, inputs: Iterable[str] = ()) -> None:
+        """Reject unwritable outputs, and those that would overwrite inputs, before any work; creates nothing."""
         check_folder_name(self.folder, json="--json" in self.files)
         if self.folder is not None:
             if not self.folder:
@@ -255,6 +255,7 @@ class Outputs:
                 raise OutputError(
                     f"cannot write {name} for {option}: it lies in the folder of --out, whose files are written by name"
                 )
+        self.refuse_inputs(inputs)
 
     def refuse_inputs(self, inputs: Iterable[str]) -> None:
         """Reject overwriting an input file under any name, links included."""
@@ -294,10 +295,10 @@ class PageOutput:
             return Outputs(folder=self.given, names=(self.name,))
         return Outputs({"--out": self.given})
 
-    def check(self) -> None:
-        """Reject an unwritable page before any work; creates nothing."""
+    def check(self, inputs: Iterable[str] = ()) -> None:
+        """Reject an unwritable page, and one that would overwrite an input, before any work; creates nothing."""
         check_page_name(self.given)
-        self.outputs.check()
+        self.outputs.check(inputs)
 
     def write(self, text: str) -> None:
         """Write the page atomically."""

@@ -12,11 +12,12 @@ import click
 
 from precision_pin.base.errors import InputError
 from precision_pin.cli import options as shared
+from precision_pin.cli.analyses import check_shared
 from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import PageOutput, read_sheet
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.page_parts import part_files, part_options, read_parts
-from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.poses import pose_files, read_poses
 from precision_pin.cli.terminal import echo_note, echo_warning_lines
 
 if TYPE_CHECKING:
@@ -43,25 +44,21 @@ MOST_POSES: Final = 12
 @shared.output_option(
     "--out", type=shared.FILE, required=True, metavar="FILE.html", help="The page to write; report.html in a folder."
 )
-def command(samples: int, seed: int, specs: tuple[str, ...], full: bool, **arm: Any) -> int:
+def command(samples: int, full: bool, **arm: Any) -> int:
     """Write one self-contained page: verdict, distributions, budget, worst case, exact law, 3-D view.
 
     Several poses are on one page, the worst first; the exit code is 1 if a specification is not met at any of
     them, on the map or along the path. Without arguments: the paper's arm and sheet, from inside the package.
     ROBOT may be example:NAME.
     """
-    from precision_pin.draws.space import check_seed
     from precision_pin.sampling import check_samples
-    from precision_pin.statistics.plan import specification
 
     check_samples(samples)
-    check_seed(seed)
-    specifications = [specification(text) for text in specs]
-    check_poses(arm)
+    check_shared(arm)
+    seed, specifications = arm["seed"], arm["specs"]
     target = PageOutput(arm["out"], "report.html")
-    target.check()
     arm["tables"] = [*pose_files(arm), *part_files(arm)]
-    target.outputs.refuse_inputs(arm["tables"])
+    target.check(arm["tables"])
     sheet = read_sheet(arm, target.outputs)
     asked = read_poses(sheet, {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}, MOST_POSES)
     if len(asked) > MOST_POSES:

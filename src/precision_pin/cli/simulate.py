@@ -11,9 +11,10 @@ import click
 from precision_pin.base.errors import InputError
 from precision_pin.base.files import write_text
 from precision_pin.cli import options as shared
+from precision_pin.cli.analyses import check_shared
 from precision_pin.cli.inputs import Outputs, read_sheet
 from precision_pin.cli.measurement import measurement_of, measurement_options
-from precision_pin.cli.poses import check_poses, pose_files, read_poses
+from precision_pin.cli.poses import pose_files, read_poses
 from precision_pin.cli.terminal import echo_note
 
 _MOST: Final = 100_000
@@ -39,7 +40,7 @@ _LONGEST: Final = 1000
 @shared.output_option("--out", type=shared.FILE, required=True, metavar="FILE.csv", help="The file to write.")
 @shared.all_warnings_option
 @shared.quiet_option
-def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) -> None:
+def command(unit: int, cycles: int | None, out: str, **options: Any) -> None:
     """Write readings of one sampled robot, with the noise of the instrument: a rehearsal without a robot.
 
     The robot is one of those that analyze samples and export writes with the same --seed: it has all its errors at each
@@ -52,18 +53,16 @@ def command(unit: int, cycles: int | None, seed: int, out: str, **options: Any) 
     from precision_pin.base.arguments import check_whole
     from precision_pin.base.errors import visible
     from precision_pin.draws.draw import MOST_VISITS
-    from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.render.tables import milli
 
-    check_seed(seed)
+    check_shared(options)
+    seed = options["seed"]
     check_whole("--unit", unit, 0, 2**64 - 1, "from 0 to 2^64 - 1")
     if cycles is not None:
         check_whole("--cycles", cycles, 2, MOST_VISITS)
-    check_poses(options)
     outputs = Outputs({"--out": out})
-    outputs.check()
-    outputs.refuse_inputs(pose_files(options))
+    outputs.check(pose_files(options))
     sheet = read_sheet(options, outputs)
     measurement = measurement_of(sheet, options)
     if cycles is not None and measurement.kind not in ("position", "pose"):

@@ -13,11 +13,12 @@ import click
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import options as shared
+from precision_pin.cli.analyses import check_shared
 from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import PageOutput, echo_findings, read_sheet
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.page_parts import part_files, part_options, read_parts
-from precision_pin.cli.poses import AskedPose, check_poses, pose_files, read_poses
+from precision_pin.cli.poses import AskedPose, pose_files, read_poses
 from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
 @shared.quiet_option
 def command(
     samples: int,
-    specs: tuple[str, ...],
     factor: float | None,
     out: str | None,
     port: int | None,
@@ -62,28 +62,24 @@ def command(
 
     Example: precision-pin view example:ur5 --spec "4 mm"
     """
-    from precision_pin.draws.space import check_seed
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.pages.view import MOST_POINTS, MOST_POSES, check_factor, limits_kept, page
     from precision_pin.sampling import check_samples
-    from precision_pin.statistics.plan import specification
 
-    specifications = [specification(text) for text in specs]
     check_samples(samples)
-    check_seed(arm["seed"])
+    check_shared(arm)
+    specifications = arm["specs"]
     if samples > MOST_POINTS:
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
     if factor is not None:
         check_factor(factor)
-    check_poses(arm)
     if out is not None and (port is not None or no_browser):
         option = "--no-browser" if port is None else "--port"
         raise InputError.of("E_USAGE", f"{option} is for a page that is served, without --out")
     files = arm["tables"] = [*pose_files(arm), *part_files(arm)]
     target = None if out is None else PageOutput(out, "view.html")
     if target is not None:
-        target.check()
-        target.outputs.refuse_inputs(files)
+        target.check(files)
     kept: list[bool] = []
 
     def read() -> Sheet:

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Final, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arguments import check_items, check_memory, check_name, check_number, check_numbers, check_whole
 from precision_pin.base.arrays import Array, returns_read_only
@@ -82,6 +82,11 @@ class Space:
         """Columns of each draw."""
         ends = np.cumsum([0, *(draw.law.size for draw in self.draws)])
         return tuple(slice(int(a), int(b)) for a, b in itertools.pairwise(ends))
+
+    def has_scope(self, *scopes: Scope) -> NDArray[np.bool_]:
+        """Return whether each component is drawn for one of some scopes, ``(d,)``."""
+        chosen = np.array([draw.scope in scopes for draw in self.draws], dtype=np.bool_)
+        return np.repeat(chosen, [draw.law.size for draw in self.draws])
 
     @cached_property
     def streams(self) -> tuple[int, ...]:

@@ -20,7 +20,6 @@ from precision_pin.pages import view as pages_of_view
 from precision_pin.pages.report.page import page as report_page
 from precision_pin.render.html import escaped
 from precision_pin.sampling import Progress, check_samples
-from precision_pin.sheet import Sheet
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 _HEIGHT = 640
@@ -130,7 +129,8 @@ def report(
         True
     """
     check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load returns it")
-    if error_model.sheet is None:
+    sheet = error_model.sheet
+    if sheet is None:
         raise InputError("a report names the sheet, and this model was made without one; ErrorModel.load reads one")
     check_samples(samples)
     check_seed(seed)
@@ -139,14 +139,10 @@ def report(
     listed = listed_specifications(specifications)
     names: list[Pose] = listed_poses(poses)
     results = collect_poses(
-        _as_used(error_model, error_model.sheet), names, samples=samples, seed=seed, model=model, specifications=listed,
-        command=["pp.report(model)"], package_dirs=(), step=_step,
+        replace(sheet, beyond_limits=error_model.beyond_limits), names, samples=samples, seed=seed, model=model,
+        specifications=listed, command=["pp.report(model)"], package_dirs=(), step=_step,
     )  # fmt: skip
     return Page(report_page(results, full=is_full))
-
-
-def _as_used(error_model: ErrorModel, sheet: Sheet) -> Sheet:
-    return replace(sheet, beyond_limits=error_model.beyond_limits)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import importlib
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -166,7 +167,12 @@ class Layer(Protocol):
 
     @property
     def script(self) -> str:
-        """JavaScript that draws what depends on the magnification; it knows ``layer``, the settings, and ``group``."""
+        """JavaScript that draws what depends on the magnification; it knows ``layer``, the settings, and ``group``.
+
+        By default the file ``layer.js`` next to the class's module, if there is one.
+        """
+        file = resources.files(type(self).__module__.rpartition(".")[0]).joinpath("layer.js")
+        return file.read_text("utf-8") if file.is_file() else ""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ from precision_pin.kernel.sampler import (
     BLOCK,
     MOST_TOGETHER,
     JoinedTables,
+    Model,
     NormBlocks,
     is_alike,
     norm_edges,
@@ -35,7 +36,6 @@ from precision_pin.kernel.sampler import (
 )
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.verdict_grounds import exact_findings, strained_findings
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.configurations import ApproachedPose
@@ -43,6 +43,7 @@ from precision_pin.sampling.blocks import PicklableReadOnly, Work, check_package
 from precision_pin.sampling.journal import POSES, CompletedPoses, Files, digest, identity
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
 from precision_pin.sampling.run import RunSettings, check_common
+from precision_pin.sampling.verdict_grounds import exact_findings, strained_findings
 from precision_pin.sampling.workers import Submitter, available_cores, in_order
 from precision_pin.statistics import (
     COMPONENTS,
@@ -57,8 +58,6 @@ from precision_pin.statistics.plan import Specifications, listed_specifications
 
 MOST_SAMPLES: Final = 2**32 - 1
 """Most samples at each pose; the sketches count with 32 bits."""
-
-Model = Literal["exact", "linear"]
 
 _STRAINS: Final = ("W_STATICS", "W_DEFLECTION", "W_TURNOVER")
 """Warnings about statics, which a caller may have checked at every pose."""

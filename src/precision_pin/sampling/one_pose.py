@@ -22,7 +22,6 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import BLOCK, Blocks
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel, origin_shares
-from precision_pin.model.verdict_grounds import by_both_models, exact_findings_at, grounds_at
 from precision_pin.robot.configurations import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import (
     PILOT,
@@ -36,6 +35,7 @@ from precision_pin.sampling.blocks import (
 from precision_pin.sampling.journal import SAMPLES, Files, identity, samples_of
 from precision_pin.sampling.result import Correlated, MonteCarloResult, RelativeTo, Until
 from precision_pin.sampling.run import Run, RunSettings, check_common
+from precision_pin.sampling.verdict_grounds import LARGEST_SQUARE, by_both_models, exact_findings_at, grounds_at
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import (
     QUANTITIES,
@@ -53,8 +53,6 @@ from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
 OnePose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
-_LARGEST_SQUARE: Final = 1e75
-"""Largest square of errors accepted, m² or rad²: beyond, sums of fourth powers overflow."""
 
 
 @warns_at_end
@@ -280,7 +278,7 @@ def model_at_pose(error_model: ErrorModel, q: OnePose) -> PoseModel:
     try:
         with np.errstate(over="raise"):
             at = error_model.at(q)
-            if np.abs(at.tangent[0]).max() ** 2 + np.abs(at.covariance).max() > _LARGEST_SQUARE:
+            if np.abs(at.tangent[0]).max() ** 2 + np.abs(at.covariance).max() > LARGEST_SQUARE:
                 raise OverflowError
             return at
     except (OverflowError, FloatingPointError):
@@ -489,9 +487,7 @@ class _Pair:
     def shared(self) -> NDArray[np.bool_]:
         """Mask ``(d,)`` of the numbers that a robot shares between the poses."""
         scopes = (Scope.UNIT, Scope.POSE) if self.is_same_pose else (Scope.UNIT,)
-        draws = self.at.space.draws
-        sizes = [draw.law.size for draw in draws]
-        return np.repeat(np.array([draw.scope in scopes for draw in draws], dtype=np.bool_), sizes)
+        return self.at.space.has_scope(*scopes)
 
     def errors(self, first: int, count: int) -> Array:
         """Return the relative errors ``(6, count)`` of robots ``first … first + count - 1``."""

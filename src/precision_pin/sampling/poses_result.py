@@ -17,11 +17,11 @@ from precision_pin.base.errors import Finding
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.verdict_grounds import by_both_models, grounds_at_each, largest_of_both
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.render.tables import data_frame, described, interval_columns, milli, optional, pose_labels
 from precision_pin.robot.configurations import approach_entry, written_approach
+from precision_pin.sampling.verdict_grounds import by_both_models, grounds_at_each, largest_of_both
 from precision_pin.statistics import (
     COMPONENTS,
     NORMS,
@@ -322,10 +322,7 @@ class PosesResult(Record, JsonResult):
         space = self.error_model.space
         covariance = space.block_covariance
         if one != other:
-            shared = np.repeat(
-                [draw.scope is Scope.UNIT for draw in space.draws], [draw.law.size for draw in space.draws]
-            )
-            covariance = covariance.scaled(shared.astype(float))
+            covariance = covariance.scaled(space.has_scope(Scope.UNIT).astype(float))
         first, second = (
             self.error_model.at(self.q[:, pose], approach=self._approach(pose)).jacobian for pose in (one, other)
         )

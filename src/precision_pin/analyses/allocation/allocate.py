@@ -41,10 +41,10 @@ from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import pose_findings
 from precision_pin.sampling.run import check_common
+from precision_pin.sampling.verdict_grounds import exact_findings, grounds_at
 from precision_pin.statistics import COMPONENTS, NO_GROUNDS, QUANTITIES, Grounds, Specification
 from precision_pin.statistics.summary import Verdict, judge
 

@@ -36,8 +36,9 @@ from precision_pin.kernel import sampler
 from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.sampling import Progress
+from precision_pin.sampling.one_pose import model_at_pose
+from precision_pin.sampling.verdict_grounds import exact_findings_at
 from precision_pin.statistics import NORMS as NORM_ROWS
 from precision_pin.statistics import QUANTITIES, quantity_values
 from precision_pin.statistics.intervals import Estimate
@@ -322,14 +323,8 @@ def _at_pose(
     k: float,
     step: Callable[[int], None],
 ) -> budget_result.PoseBudget:
-    try:
-        with np.errstate(over="raise"):
-            model = error_model.at(pose)
-            variances = np.diag(model.covariance).copy()
-    except (OverflowError, FloatingPointError):
-        raise InputError(
-            "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
-        ) from None
+    model = model_at_pose(error_model, pose)
+    variances = np.diag(model.covariance).copy()
     shares, reach = closed_form.by_draw(model), closed_form.reaches(model, k)
     sampled = SampledBudget(model, closed_form.correlated_groups(model.space), seed, samples, confidence, step)
     halved = [sampled.halve(k) for k in range(len(model.space.draws))]

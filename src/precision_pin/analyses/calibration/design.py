@@ -32,7 +32,7 @@ from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.readings import Station, columns_of_scope, measurement_of, scope_covariance, stations_of
+from precision_pin.analyses.readings import Station, measurement_of, scope_covariance, stations_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array, Keys, Record
@@ -79,7 +79,7 @@ class UnitNumbers:
     @classmethod
     def of(cls, space: Space) -> UnitNumbers:
         """Return the numbers of a space; raise if nothing varies from robot to robot."""
-        columns = columns_of_scope(space, Scope.UNIT)
+        columns = np.flatnonzero(space.has_scope(Scope.UNIT))
         std = np.sqrt(space.block_covariance.variances[columns])
         columns, std = columns[std > 0], std[std > 0]
         if not columns.size:

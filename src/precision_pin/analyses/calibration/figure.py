@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +24,7 @@ from precision_pin.render.display_units import ColourScale, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY, VERMILION
 from precision_pin.render.figure_style import SINGLE_COLUMN, inline_figure
 from precision_pin.render.html import Child, Html, element, escaped, items, joined, paragraph, section, table
-from precision_pin.render.scene import Chapter, Scene
+from precision_pin.render.scene import Chapter, Layer, Scene
 from precision_pin.render.tables import milli
 
 _HEIGHT: Final = 70.0
@@ -196,17 +195,12 @@ _LIMITED: Final = {
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationLayer:
+class CalibrationLayer(Layer):
     """A calibration, its worst readings, which are drawn, and colours for residuals of readings that have weight."""
 
     result: CalibrationResult
     worst: WorstReadings
     scale: ColourScale
-
-    @property
-    def script(self) -> str:
-        """Script of the page, from the file next to this one."""
-        return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: CalibrationResult, *_: object) -> CalibrationLayer:

@@ -21,13 +21,13 @@ from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import check_progress, steps_to
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import tangents
-from precision_pin.model.verdict_grounds import strained_findings
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, milli
-from precision_pin.robot.chain import Chain, pose_findings
+from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.configurations import approach_entry, written_approach
-from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet
+from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, chain_length
 from precision_pin.sampling import Progress
+from precision_pin.sampling.verdict_grounds import strained_findings
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -402,7 +402,7 @@ class _Arm:
     def units(self) -> Array:
         """Unit of each joint, ``(n, 1)``: rad, or the chain's length for a sliding joint."""
         chain = self.error_model.chain
-        return np.where(chain.prismatic, _length(chain), 1.0)[:, None]
+        return np.where(chain.prismatic, chain_length(chain), 1.0)[:, None]
 
     @property
     def limits(self) -> tuple[Array, Array]:
@@ -418,7 +418,7 @@ class _Arm:
     @property
     def scale(self) -> Array:
         """Factors that make these components dimensionless, ``(r, 1)``: positions in lengths of the chain."""
-        return np.where(self.rows < 3, 1 / _length(self.error_model.chain), 1.0)[:, None]
+        return np.where(self.rows < 3, 1 / chain_length(self.error_model.chain), 1.0)[:, None]
 
     def error(self, values: Array, poses: NDArray[np.intp]) -> Array:
         """Return the error ``(6, P)`` from the targets with numbers ``poses``, less the rest, at joint values ``(n, P)``."""
@@ -596,8 +596,3 @@ class _Arm:
         if step is None:
             return np.zeros(error.shape[1], dtype=bool)
         return np.asarray(np.abs(step).max(axis=0, initial=0.0) < CONVERGED)
-
-
-def _length(chain: Chain) -> float:
-    """Return the sum of the distances between the joints, m, or 1 where that is zero."""
-    return float(np.linalg.norm(chain.placements[1:, :3, 3], axis=1).sum()) or 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +24,7 @@ from precision_pin.render.display_units import round_number
 from precision_pin.render.draw_distribution import BLUE, VERMILION
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import escaped, items, paragraph, section, table
-from precision_pin.render.scene import Chapter, Scene, rounded
+from precision_pin.render.scene import Chapter, Layer, Scene, rounded
 from precision_pin.render.tables import symbol
 from precision_pin.robot.chain import Posture
 
@@ -102,7 +101,7 @@ _LINES: Final = (
 
 
 @dataclass(frozen=True, eq=False)
-class CompensationLayer:
+class CompensationLayer(Layer):
     """Layer of a compensation.
 
     Attributes:
@@ -119,11 +118,6 @@ class CompensationLayer:
     arms: Array
     commanded: Array
     name: str = "compensation"
-
-    @property
-    def script(self) -> str:
-        """Script of the page next to this file."""
-        return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: CompensationResult, error_model: ErrorModel) -> CompensationLayer:

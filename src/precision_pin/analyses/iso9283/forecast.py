@@ -29,11 +29,11 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.verdict_grounds import exact_findings, grounds_at
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores
 from precision_pin.sampling.approaches import ApproachErrors, sample_approaches
 from precision_pin.sampling.run import check_common
+from precision_pin.sampling.verdict_grounds import exact_findings, grounds_at
 from precision_pin.sampling.workers import in_order
 from precision_pin.statistics import NO_GROUNDS, NO_SPREAD, Grounds, SpecificationResult, clopper_pearson
 from precision_pin.statistics.plan import specification

@@ -23,7 +23,7 @@ from precision_pin.render.display_units import ColourScale
 from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VERMILION
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
 from precision_pin.render.html import Html, escaped, items, paragraph, section, table
-from precision_pin.render.scene import Chapter, Colour, Scene
+from precision_pin.render.scene import Chapter, Colour, Layer, Scene
 from precision_pin.render.tables import symbol
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
@@ -285,7 +285,7 @@ _DECIMALS: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
-class PlacesData:
+class PlacesData(Layer):
     """Layer with the places of a map, ``(3, M)``, m, and the result at the worst pose as text.
 
     Attributes:
@@ -296,11 +296,6 @@ class PlacesData:
     sizes: Array
     scale: ColourScale
     worst: str
-
-    @property
-    def script(self) -> str:
-        """None: the places do not depend on the magnification."""
-        return ""
 
     @classmethod
     def of(cls, result: MapResult, *_: object) -> PlacesData:

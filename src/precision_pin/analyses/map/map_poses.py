@@ -30,7 +30,6 @@ from precision_pin.base.files import write_files
 from precision_pin.base.progress import scaled, steps_to
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import LARGEST_FILE
 from precision_pin.render.tables import data_frame, described, milli, optional, percent
@@ -40,6 +39,7 @@ from precision_pin.sampling import Progress
 from precision_pin.sampling.many_poses import MOST_SAMPLES, sample_poses
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sampling.run import check_common
+from precision_pin.sampling.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
 from precision_pin.statistics.plan import Specifications, listed_specifications

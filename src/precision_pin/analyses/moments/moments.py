@@ -54,10 +54,11 @@ from precision_pin.kernel import sampler
 from precision_pin.model.equilibrium import fixed_sides, turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
-from precision_pin.model.verdict_grounds import exact_findings_at
 from precision_pin.render.columns import QUANTITY, Column, text_lines
 from precision_pin.render.tables import milli, plus_minus, symbol, unit
 from precision_pin.sampling import Progress
+from precision_pin.sampling.one_pose import model_at_pose
+from precision_pin.sampling.verdict_grounds import exact_findings_at
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Plan
 
 if TYPE_CHECKING:
@@ -393,15 +394,9 @@ def check_samples(samples: int) -> int:
 def _at_pose(
     error_model: ErrorModel, pose: Pose, method: Method, count: int, seed: int, confidence: float, step: Progress
 ) -> PoseMoments:
-    try:
-        with np.errstate(over="raise"):
-            model = error_model.at(pose)
-            nominal, covariance = model.error_at_means, model.covariance
-            plan = Plan.from_moments(nominal, covariance)
-    except (OverflowError, FloatingPointError):
-        raise InputError(
-            "the errors at this pose are too large to compute with; the tolerances or loads are far too large"
-        ) from None
+    model = model_at_pose(error_model, pose)
+    nominal, covariance = model.error_at_means, model.covariance
+    plan = Plan.from_moments(nominal, covariance)
     norm_mean = norm_variance = remainder = None
     if method == "closed":
         # differences of exact errors would run across the jump of a side

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +26,7 @@ from precision_pin.render.display_units import ColourScale, round_number
 from precision_pin.render.draw_distribution import BLACK, BLUE, LIMIT_COLOURS, PURPLE, SKY
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, style
 from precision_pin.render.html import escaped, items, paragraph, section, table
-from precision_pin.render.scene import Chapter, Scene, rounded
+from precision_pin.render.scene import Chapter, Layer, Scene, rounded
 from precision_pin.render.tables import symbol
 
 _MOST_LETTERS: Final = 16  # of a name on the axis
@@ -104,17 +103,12 @@ _WIDEST: Final = 0.025
 
 
 @dataclass(frozen=True, eq=False)
-class PathLayer:
+class PathLayer(Layer):
     """Layer of a path and its band, with the colours of the quantile of |d| at each pose."""
 
     result: PathResult
     scale: ColourScale
     name: str = "path"
-
-    @property
-    def script(self) -> str:
-        """Script of the page next to this file."""
-        return resources.files(__package__).joinpath("layer.js").read_text("utf-8")
 
     @classmethod
     def of(cls, result: PathResult, *_: object) -> PathLayer:

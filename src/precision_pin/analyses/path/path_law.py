@@ -28,19 +28,19 @@ from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import MOST_TOGETHER
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.verdict_grounds import (
-    by_both_models,
-    exact_findings,
-    grounds_at,
-    speed_findings,
-    strained_findings,
-)
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, quantity_label
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores
 from precision_pin.sampling.run import check_common
+from precision_pin.sampling.verdict_grounds import (
+    by_both_models,
+    exact_findings,
+    grounds_at,
+    speed_findings,
+    strained_findings,
+)
 from precision_pin.sampling.workers import in_order
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult
 from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks

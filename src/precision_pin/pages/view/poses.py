@@ -30,13 +30,13 @@ from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import Part, PoseModel, origin_shares
-from precision_pin.model.verdict_grounds import by_both_models, exact_findings_at, grounds_at
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, Answer, answers, quantile
 from precision_pin.pages.view.scales import arm_length
 from precision_pin.render.html import escaped
 from precision_pin.render.tables import resting_on
 from precision_pin.sampling import Progress
 from precision_pin.sampling.clouds import sample_errors
+from precision_pin.sampling.verdict_grounds import by_both_models, exact_findings_at, grounds_at
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, quantile_ranks
 
 MOST_TOLERANCES: Final = 12

@@ -254,7 +254,7 @@ MOST_POSES: Final = 200
 """Maximum number of poses of a sheet that are evaluated; for others only joint limits are checked, which is fast."""
 MOST_NUMBERS: Final = 500
 """Maximum number of components for checks of the first-order model, which needs every derivative."""
-_LARGEST_SQUARE: Final = 1e75
+LARGEST_SQUARE: Final = 1e75
 """Largest squared error (m², rad²): products of two fourth moments, as in intervals of covariances, stay below 1e300."""
 
 
@@ -268,7 +268,7 @@ def pose_findings(model: ErrorModel, pose: str, *, spread: bool = True) -> tuple
             findings = [*at.findings("exact")]
             if at.space.size <= MOST_NUMBERS:
                 largest = max(float(np.abs(at.error_at_means).max()) ** 2, float(np.abs(at.covariance).max()))
-                if largest > _LARGEST_SQUARE:
+                if largest > LARGEST_SQUARE:
                     raise OverflowError
             if spread and not _varies(at):
                 message = (
