@@ -20,6 +20,7 @@ from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.sources import Backlash, JointOffset, Length, Thermal
 from sampling.cases import MODEL
 from support import plain_robot
+from support.figures import overlaps, small_or_cut
 from support.refusals import check_refused
 
 CHAIN = MODEL.chain
@@ -453,7 +454,9 @@ def forecast():
 
 
 def test_the_picture_spreads_each_law_to_both_sides_of_its_pose(forecast):
-    for axes in figure(forecast).axes:
+    drawn = figure(forecast)
+    assert (overlaps(drawn), small_or_cut(drawn)) == ([], [])
+    for axes in drawn.axes:
         across = [shape.get_paths()[0].vertices[:, 0] for shape in axes.collections]
         assert [(x.min(), x.max()) for x in across] == [pytest.approx((pose - 0.4, pose + 0.4)) for pose in range(1, 5)]
 

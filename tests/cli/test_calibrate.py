@@ -229,6 +229,14 @@ def test_a_calibrated_sheet_is_not_written_of_another_arm_than_its_own(refused, 
 def test_view_and_report_show_the_fit_of_the_command(run, folder, quick, monkeypatch):
     found = run("calibrate", quick, "data.csv", "--json", "-").json
     rms = {name: f"{1e3 * value:.3g}" for name, value in found["rms_residual"].items()}
+    squares = np.array(
+        [
+            [np.trace(np.array(pose[f"covariance_{which}"])[:3, :3]) for which in ("after", "before")]
+            + np.array([0, np.sum(np.square(pose["mean_before"][:3]))])
+            for pose in found["poses"]
+        ]
+    )
+    sizes = tuple(f"{1e3 * size:.3g}" for size in np.sqrt(squares.mean(axis=0)))
     served = {}
     serve = "precision_pin.pages.view.live.serve"
     monkeypatch.setattr(serve, lambda page, files, **_: served.update(page=page(), files=[path.name for path in files]))
@@ -244,6 +252,11 @@ def test_view_and_report_show_the_fit_of_the_command(run, folder, quick, monkeyp
     report = (folder / "page.html").read_text("utf-8")
     for page in (served["page"], report):
         assert f"Residuals: {rms['before']} mm rms before, {rms['after']} mm after" in page
+        # the error after the calibration comes first, and the sheet's is named
+        headline = re.search(r"After calibration: position error (\S+) mm rms at [^<]*; (\S+) mm before; the", page)
+        assert headline.groups() == sizes
+        own = page.index("Before calibration, robots of the sheet:")
+        assert headline.end() < own < page.index("95 % of ")
     assert 'href="#calibration"' in report
     assert "--calibrate data.csv" in report
     begun = [line.split()[-1] for line in made.err_lines if "calibration" in line or "sampling" in line]

@@ -1,8 +1,8 @@
 """The pictures: text sizes and overlaps by measured extents, what is marked, and how files are written."""
 
-import itertools
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
@@ -13,9 +13,12 @@ from matplotlib.text import Text
 from numpy.testing import assert_allclose
 
 import precision_pin as pp
+from precision_pin.analyses.budget.figure import Bar, draw_bars
+from precision_pin.analyses.calibration import figure as calibration_figures
 from precision_pin.analyses.map.figure import figure as map_figure
 from precision_pin.analyses.map.figure import layout_of
 from precision_pin.analyses.registry import declarations
+from precision_pin.analyses.shares import VECTORS
 from precision_pin.analyses.worst_case.figure import explain_excess
 from precision_pin.base import se3
 from precision_pin.base.errors import UnknownNameError
@@ -27,8 +30,10 @@ from precision_pin.render.scene import Triangles
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import figures as plots
+from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sources.joint_offset import JointOffset
 from precision_pin.statistics import Plan, Specification, Summary, finish, observe, start
+from support.figures import drawn_texts, overlaps, small_or_cut
 from support.sheets import seven_joint_arm
 
 SPECIFICATIONS = (
@@ -74,23 +79,6 @@ def figures_of(summary: Summary) -> dict[str, Figure]:
     }
 
 
-def drawn_texts(figure: Figure) -> list[Text]:
-    """Every text that ends on the page: not hidden, not empty, no tick outside its axis."""
-    outside: set[int] = set()
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            low, high = sorted(axis.get_view_interval())
-            slack = 1e-9 * (high - low)
-            for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
-                hidden = not (low - slack <= tick.get_loc() <= high + slack)
-                outside |= {id(label) for label in (tick.label1, tick.label2) if hidden or not label.get_visible()}
-    return [
-        text
-        for text in figure.findobj(Text)
-        if text.get_visible() and text.get_text().strip() and id(text) not in outside
-    ]
-
-
 @pytest.mark.slow
 def test_a_figure_is_drawn_once_and_its_files_are_the_same_each_time(tmp_path, monkeypatch) -> None:
     """Matplotlib draws all of it with drawing switched off, only to lay it out; the files are the same to the byte."""
@@ -116,14 +104,6 @@ def test_a_figure_is_drawn_once_and_its_files_are_the_same_each_time(tmp_path, m
     assert dict(mpl.rcParams) == before
 
 
-def overlaps(figure: Figure) -> list[tuple[str, str]]:
-    renderer = figure.canvas.get_renderer()
-    with renderer._draw_disabled():  # all of it is put in its place, and nothing is painted
-        Figure.draw(figure, renderer)
-    boxes = [(text.get_text(), text.get_window_extent()) for text in drawn_texts(figure)]
-    return [(one[0], other[0]) for one, other in itertools.combinations(boxes, 2) if one[1].overlaps(other[1])]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_text_is_large_enough_inside_the_page_and_does_not_overlap(case: str) -> None:
@@ -131,13 +111,8 @@ def test_text_is_large_enough_inside_the_page_and_does_not_overlap(case: str) ->
         assert overlaps(figure) == [], name
         if name != "cumulative":
             assert figure.get_size_inches()[0] * 25.4 == pytest.approx(174 if name == "components" else 85)
-        page, texts = figure.bbox, drawn_texts(figure)
-        assert len(texts) > 8
-        for text in texts:
-            assert text.get_fontsize() >= 7, (name, text.get_text())
-            box = text.get_window_extent()
-            assert page.x0 <= box.x0 <= box.x1 <= page.x1, (name, text.get_text())
-            assert page.y0 <= box.y0 <= box.y1 <= page.y1, (name, text.get_text())
+        assert len(drawn_texts(figure)) > 8
+        assert small_or_cut(figure) == [], name
     if case == CASES[0]:
         figure.text(0.5, 0.1, "a text laid across the legend, which it must not be")
         assert overlaps(figure)
@@ -302,6 +277,23 @@ def test_every_result_draws_itself_or_on_given_axes_names_robot_pose_n_and_seed_
 
 
 @pytest.mark.slow
+def test_rounding_is_drawn_as_zero_and_one_pose_is_singular(results):
+    """Without gravity a joint offset has the mean zero, but for the rounding of the samples."""
+    offsets = [JointOffset(joint=name, offset=pp.Normal(1e-8)) for name in CHAIN.joint_names]
+    model = pp.ErrorModel(CHAIN, pp.Space(()), offsets, {"paper": PAPER.poses["paper"]})
+    result = pp.moments(model, samples=N, seed=7)
+    mean, std = (result.plot().axes[k] for k in (1, 3))
+    spread = 1e9 * result.poses[0].std.value[3:].max()
+    assert (mean.get_ylabel(), std.get_ylabel()) == ("mean [nrad]", "standard deviation [nrad]")
+    low, high = mean.get_ylim()
+    assert low <= -1e-3 * spread < 1e-3 * spread <= high
+    assert "4dof.urdf at 1 pose" in pp.compensate(model, "paper").plot().get_suptitle()
+    entries = [Bar("a", "", 1.0, None), Bar("b", "", 4e-70, None)]
+    bars = draw_bars(results["budget"], 0, dict.fromkeys(VECTORS, entries))
+    assert [text.get_text() for text in bars.axes[0].texts] == ["100 %", "under 0.001 %"]
+
+
+@pytest.mark.slow
 def test_sampled_results_draw_themselves():
     result = pp.monte_carlo(PAPER, samples=500, seed=7)
     for quantity in ("position", "attitude", "components", "position.x"):
@@ -380,6 +372,61 @@ def test_a_heat_map_shows_the_value_of_each_place(plane):
     assert_allclose(field[rows, columns], 1e3 * made.quantile[1, 0], rtol=1e-6)
     labels = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert labels == ["not reached", "specification not met"]
+
+
+WIDE = {"robot": "WIDE_MOUTHED_" * 9 + ".urdf", "base": "W" * 90, "tip": "the tool of a robot " * 5}
+
+
+@pytest.fixture(scope="module")
+def further(plane):
+    """Results of the analyses that have no section for a pose, and of many poses, by name of the figure."""
+    measurement, random = pp.Measurement("position", std="20 um"), pp.random_poses(CHAIN, 8, seed=1)
+    offsets = [JointOffset(joint=name, offset=pp.Normal(1e-3)) for name in CHAIN.joint_names]
+    small = pp.ErrorModel(CHAIN, pp.Space(()), offsets, {"paper": PAPER.poses["paper"]})
+    tips = np.array([at.posture.pose[:3, 3] for at in small.at_many(random.q)])
+    tolerances = [{"path": f"axis_install[joint{k}].radius", "cost": {"reciprocal": "1 mm"}} for k in (1, 2)]
+    mapped = {"listed": LISTED, "timed": TIMED, "plane": plane, "space": random}
+    return {
+        **{f"map {name}": pp.map_poses(PAPER, poses, verify=0) for name, poses in mapped.items()},
+        "path": pp.path_law(PAPER, TIMED, samples=100),
+        "compare": pp.compare({"A" * 60: PAPER, "B" * 60: small}, samples=100),
+        "compensate": pp.compensate(small, random),
+        "compensate path": pp.compensate(small, TIMED),
+        "allocate": pp.allocate(PAPER, {"specs": ["40 mm @ 90 %"], "tolerances": tolerances}, pareto=2, for_samples=0),
+        "calibrate forecast": pp.forecast_calibration(small, random, measurement),
+        "calibrate plan": pp.plan_calibration(small, random, 4, measurement),
+        "calibrate": pp.calibrate(small, (random.q, tips + 1e-3), measurement),
+    }
+
+
+def drawn(name: str, result) -> Figure:
+    kind, _, what = name.partition(" ")
+    return (
+        getattr(calibration_figures, f"{what or 'calibration'}_figure")(result)
+        if kind == "calibrate"
+        else result.plot()
+    )
+
+
+@pytest.mark.slow
+def test_every_figure_has_all_its_text_on_the_page(results, further):
+    shown = {**results, **further}
+    # that of ISO 9283 is looked at with its tests
+    assert {name.split()[0] for name in shown} == {*declarations()} - {"iso9283"}
+    wide = {name: replace(one, provenance=replace(one.provenance, **WIDE)) for name, one in shown.items()}
+    for name, result in [("moments", results["moments"]), *wide.items()]:
+        figure = drawn(name, result)
+        assert (name, overlaps(figure), small_or_cut(figure)) == (name, [], [])
+
+
+@pytest.mark.slow
+def test_only_poses_of_one_motion_are_joined_by_lines(further):
+    figures = [further[name].plot() for name in ("map listed", "compensate", "map timed", "compensate path", "path")]
+    figures.append(sample_poses(PAPER, LISTED.q, samples=100).plot())
+    curves = [[line for line in figure.axes[0].lines if len(line.get_xdata()) > 2] for figure in figures]
+    curves[-1] = figures[-1].axes[0].lines[:3]
+    joined = [{line.get_linestyle() != "None" for line in lines} for lines in curves]
+    assert joined == [{False}, {False}, {True}, {True}, {True}, {False}]
 
 
 @pytest.mark.slow

@@ -153,6 +153,8 @@ class PagePart(NamedTuple):
         chapter: ``module:function`` in the folder; takes the result, returns the :class:`precision_pin.render.scene.Chapter`.
         layer: ``module:Class`` in the folder; its method ``of`` takes the result and the model.
         missed: Where a specification is not met, such as ``"on the map"``; empty if the analysis judges none.
+        headline: ``module:function`` in the folder; takes the result, returns the answer that stands above the page's own,
+            and a line that names the page's own.
     """
 
     option: Option
@@ -165,6 +167,7 @@ class PagePart(NamedTuple):
     what: str = ""
     is_first: bool = False
     missed: str = ""
+    headline: str = ""
 
 
 class Declaration(NamedTuple):

@@ -68,6 +68,10 @@ class Part:
         """Return the layer of a result, if the part has one."""
         return [self.declaration.output(self.of_page.layer).of(result, model)] if self.of_page.layer else []
 
+    def headline(self, result: Any) -> tuple[str, ...]:
+        """Return the answer above that of the page and the name of the page's, if the part has one."""
+        return self.declaration.output(self.of_page.headline)(result) if self.of_page.headline else ()
+
     def missed(self, result: Any) -> list[str]:
         """Return where a specification is not met."""
         return [self.of_page.missed] if self.of_page.missed and not result.met else []

@@ -106,8 +106,9 @@ def command(samples: int, full: bool, **arm: Any) -> int:
     chapters = [part.chapter(results[part.name]) for part in parts]
     layers = [layer for part in parts for layer in part.layers(results[part.name], model)]
     missed = [where for part in parts for where in part.missed(results[part.name])]
+    headline = [line for part in parts for line in part.headline(results[part.name])]
     with step("drawing the page", 0):
-        html = page(found, chapters, layers, missed=missed, full=full)
+        html = page(found, chapters, layers, missed=missed, headline=headline, full=full)
     target.write(html)
     echo_warning_lines(line for one in found for line in one.analysis.warnings[len(sheet.findings) :])
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")

@@ -87,7 +87,8 @@ def command(
 
     def page_of(sheet: Sheet) -> str:
         parts = read_parts(sheet, arm, layers=True, seed=arm["seed"])
-        layers = [layer for part in parts for layer in part.layers(part.run(), ErrorModel.from_sheet(sheet))]
+        results = [(part, part.run()) for part in parts]
+        layers = [layer for part, result in results for layer in part.layers(result, ErrorModel.from_sheet(sheet))]
         poses = read_poses(sheet, arm, MOST_POSES)
         if len(poses) > MOST_POSES:
             raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
@@ -95,13 +96,13 @@ def command(
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
-            title=f"{sheet.chain.robot.name}: {sheet.chain.base} to {sheet.chain.tip_label}",
             seed=arm["seed"],
             model_name=arm["model"],
             factor=factor,
             package_dirs=arm["package_dirs"],
             points=samples,
             specifications=specifications,
+            headline=[line for part, result in results for line in part.headline(result)],
             remarks=remarks,
             layers=layers,
         )

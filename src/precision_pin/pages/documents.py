@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from precision_pin.analyses.collect import collect_poses
 from precision_pin.analyses.provenance import Pose, Poses, listed_poses
@@ -19,7 +18,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.pages import view as pages_of_view
 from precision_pin.pages.report.page import page as report_page
 from precision_pin.render.html import escaped
-from precision_pin.sampling import Progress, check_samples
+from precision_pin.sampling import check_samples
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 _HEIGHT = 640
@@ -84,18 +83,16 @@ def view(
     check_whole("the number of samples", samples, 1, pages_of_view.MOST_POINTS)
     check_seed(seed)
     check_choice("model", model, ("exact", "linear"))
-    asked = [(pose, error_model.pose_name(pose)) for pose in listed_poses(poses)]
-    shown, _ = pages_of_view.sample_views(error_model, asked, samples=samples, seed=seed, model=model)
-    chain = error_model.chain
+    named_poses = [(pose, error_model.pose_name(pose)) for pose in listed_poses(poses)]
+    view_poses, _ = pages_of_view.sample_views(error_model, named_poses, samples=samples, seed=seed, model=model)
     return Page(
         pages_of_view.page(
-            shown,
-            title=f"{chain.robot.name}: {chain.base} to {chain.tip_label}",
+            view_poses,
             seed=seed,
             model_name=model,
             points=samples,
             specifications=listed_specifications(specifications),
-            remarks=pages_of_view.remarks_on(error_model, shown),
+            remarks=pages_of_view.remarks_on(error_model, view_poses),
         )
     )
 
@@ -136,20 +133,10 @@ def report(
     check_seed(seed)
     check_choice("model", model, ("exact", "linear"))
     check_flag("is_full", is_full)
-    listed = listed_specifications(specifications)
-    names: list[Pose] = listed_poses(poses)
+    sheet = replace(sheet, beyond_limits=error_model.beyond_limits)
+    pose_list: list[Pose] = listed_poses(poses)
     results = collect_poses(
-        replace(sheet, beyond_limits=error_model.beyond_limits), names, samples=samples, seed=seed, model=model,
-        specifications=listed, command=["pp.report(model)"], package_dirs=(), step=_step,
+        sheet, pose_list, samples=samples, seed=seed, model=model, specifications=listed_specifications(specifications),
+        command=["pp.report(model)"], package_dirs=(), step=lambda *_: nullcontext(lambda _: None),
     )  # fmt: skip
     return Page(report_page(results, full=is_full))
-
-
-@contextmanager
-def _step(what: str, samples: int) -> Iterator[Progress]:
-    del what, samples
-    yield _nothing
-
-
-def _nothing(*_: Any) -> None:
-    pass

@@ -54,10 +54,10 @@ QUANTITY: Final = (
 
 def cells(columns: Iterable[Column], output: str, rows: Iterable[Any]) -> list[list[Any]]:
     """Return the headings of an output (``text``, ``notebook``, ``report``), then the cells of each row; ``-`` for None."""
-    chosen = [one for one in columns if getattr(one, output) is not None]
-    values = ([(one, one.of(row)) for one in chosen] for row in rows)
-    body = [["-" if value is None else one.cell(value) for one, value in row] for row in values]
-    return [[getattr(one, output) for one in chosen], *body]
+    selected = [column for column in columns if getattr(column, output) is not None]
+    values = ([(column, column.of(row)) for column in selected] for row in rows)
+    body = [["-" if value is None else column.cell(value) for column, value in row] for row in values]
+    return [[getattr(column, output) for column in selected], *body]
 
 
 def text_lines(columns: Iterable[Column], rows: Iterable[Any]) -> list[str]:
@@ -67,25 +67,26 @@ def text_lines(columns: Iterable[Column], rows: Iterable[Any]) -> list[str]:
 
 def notebook_table(columns: Iterable[Column], rows: Iterable[Any], heading: str = "") -> html.Table:
     """Return a table of the notebook view."""
-    later = [one for one in columns if one.notebook is not None][1:]
+    later = [column for column in columns if column.notebook is not None][1:]
     head, *body = cells(columns, "notebook", rows)
-    return html.Table(head, body, heading, 1 + len(list(takewhile(lambda one: one.is_words, later))))
+    return html.Table(head, body, heading, 1 + len(list(takewhile(lambda column: column.is_words, later))))
 
 
 def report_table(caption: str, columns: Sequence[Column], rows: Iterable[Any]) -> html.Html:
     """Return a table of the report."""
-    words = [k for k, one in enumerate(one for one in columns if one.report is not None) if one.is_words]
+    selected = [column for column in columns if column.report is not None]
+    words = [k for k, column in enumerate(selected) if column.is_words]
     head, *body = cells(columns, "report", rows)
     return html.table(caption, head, [[shown(cell) for cell in row] for row in body], words=words)
 
 
 def frame_row(columns: Iterable[Column], row: Any) -> dict[str, Any]:
     """Return a row of a data frame, NaN for None."""
-    found: dict[str, Any] = {}
-    for one in (one for one in columns if one.frame):
-        value = one.of(row)
-        if one.has_interval:
-            found |= interval_columns(one.frame, *(value or (None, None)))
+    values: dict[str, Any] = {}
+    for column in (column for column in columns if column.frame):
+        value = column.of(row)
+        if column.has_interval:
+            values |= interval_columns(column.frame, *(value or (None, None)))
         else:
-            found[one.frame] = math.nan if value is None else value
-    return found
+            values[column.frame] = math.nan if value is None else value
+    return values

@@ -25,13 +25,15 @@ BLACK: Final = "#000000"
 LIMIT_COLOURS: Final[dict[Verdict, str]] = {"met": GREEN, "not met": VERMILION}
 """By verdict; other verdicts are black."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
-# a limit farther from the data than this multiple of their span is named, not drawn
+# a limit farther from the data than this multiple of their span is named, not drawn: the data take a third of the axis or more
 _FARTHEST_LIMIT: Final = 1.0
 
 
 def display_unit(*distributions: Distribution) -> WrittenUnit:
     """Return the unit (mm or mrad from 0.1 to 10,000, else a neighbour) that suits the largest of these values."""
-    return WrittenUnit.of_axis(distributions[0].quantity, max(max(abs(one.min), abs(one.max)) for one in distributions))
+    return WrittenUnit.of_axis(
+        distributions[0].quantity, max(max(abs(part.min), abs(part.max)) for part in distributions)
+    )
 
 
 @dataclass(frozen=True)
@@ -49,20 +51,20 @@ class _Ruler:
 
 def _ruler(distribution: Distribution, unit: WrittenUnit) -> _Ruler:
     """Return the axis in this unit, or in a smaller one where the span is far smaller."""
-    # values that hardly differ for their size get an axis of differences from a round number
-    shown = symbol(distribution.quantity)
+    # values with a span far below their size get an axis of differences from a round number
+    name = symbol(distribution.quantity)
     span = distribution.max - distribution.min
     size = max(abs(distribution.min), abs(distribution.max))
     if span == 0 or span > 2e-3 * size:
         if 0 < span * unit.per_si < 0.02:  # its labels would need four decimals
             unit = WrittenUnit.of_axis(distribution.quantity, span)
-        return _Ruler(unit, unit, 0.0, f"{shown} [{unit.name}]")
+        return _Ruler(unit, unit, 0.0, f"{name} [{unit.name}]")
     place = math.floor(math.log10(span * unit.per_si))
     rounded = round(distribution.mean * unit.per_si, -place)
     fine = WrittenUnit.of_axis(distribution.quantity, span)
     sign = "−" if rounded >= 0 else "+"
     offset = f"{abs(rounded):.{max(0, -place)}f}"
-    return _Ruler(fine, unit, rounded / unit.per_si, f"{shown} {sign} {offset} {unit.name} [{fine.name}]")
+    return _Ruler(fine, unit, rounded / unit.per_si, f"{name} {sign} {offset} {unit.name} [{fine.name}]")
 
 
 def draw_histogram(
@@ -105,8 +107,8 @@ def draw_cumulative(
     """Draw the cumulative distribution, with labels for a legend."""
     ruler = _ruler(distribution, unit)
     low, high = _range(distribution, ruler)
-    reach = (1 + _FARTHEST_LIMIT) * (high - low)  # level to the axis's ends, wherever a limit puts them
-    values = np.union1d(np.linspace(low, high, 600), [low - reach, distribution.min, distribution.max, high + reach])
+    margin = (1 + _FARTHEST_LIMIT) * (high - low)  # level to the axis's ends, wherever a limit puts them
+    values = np.union1d(np.linspace(low, high, 600), [low - margin, distribution.min, distribution.max, high + margin])
     axes.plot(ruler(values), distribution.cumulative(values), color=BLUE, drawstyle="steps-post")
     axes.set_ylim(0, 1.03)
     axes.set_ylabel("cumulative probability")
@@ -115,16 +117,16 @@ def draw_cumulative(
 
 def share_scale(axes: Sequence[Axes], distributions: Sequence[Distribution], unit: WrittenUnit) -> list[bool]:
     """Give axes a common horizontal scale, except those in another unit or far narrower; return which share it."""
-    rulers = [_ruler(one, unit) for one in distributions]
-    spans = [one.max - one.min for one in distributions]
+    rulers = [_ruler(distribution, unit) for distribution in distributions]
+    spans = [distribution.max - distribution.min for distribution in distributions]
     alike = [
         ruler.unit == unit and ruler.origin == 0 and 0.05 * max(spans) <= span
         for ruler, span in zip(rulers, spans, strict=True)
     ]
-    shared = [one for one, is_alike in zip(axes, alike, strict=True) if is_alike]
-    limits = [one.get_xlim() for one in shared]
-    for one in shared:
-        one.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
+    shared = [panel for panel, is_alike in zip(axes, alike, strict=True) if is_alike]
+    limits = [panel.get_xlim() for panel in shared]
+    for panel in shared:
+        panel.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
     return alike if sum(alike) > 1 else [False] * len(alike)
 
 
@@ -141,11 +143,11 @@ def _mark(axes: Axes, distribution: Distribution, ruler: _Ruler, specifications:
         axes.axvspan(ruler(interval[0]), ruler(interval[1]), color=colour, alpha=0.2, linewidth=0)
         axes.axvline(ruler(value), color=colour, linestyle=dashes, label=label)
     low, high = _range(distribution, ruler)
-    shown = [low, high]
+    ends = [low, high]
     for result in specifications:
         if result.quantity == distribution.quantity:
-            shown += _mark_limit(axes, distribution, ruler, result)
-    axes.set_xlim(ruler(min(shown)), ruler(max(shown)))
+            ends += _mark_limit(axes, distribution, ruler, result)
+    axes.set_xlim(ruler(min(ends)), ruler(max(ends)))
     axes.xaxis.set_major_locator(ticks())
     axes.ticklabel_format(style="plain", useOffset=False)
     axes.set_xlabel(ruler.label)
@@ -157,10 +159,10 @@ def _mark_limit(axes: Axes, distribution: Distribution, ruler: _Ruler, result: S
     unit = ruler.text_unit if readable else WrittenUnit.of_axis(result.quantity, result.limit)
     label = f"limit {result.limit * unit.per_si:.6g} {unit.name}"
     low, high = _range(distribution, ruler)
-    reach = _FARTHEST_LIMIT * (high - low)
+    farthest = _FARTHEST_LIMIT * (high - low)
     sides = (result.limit,) if distribution.is_norm else (-result.limit, result.limit)
     colour = LIMIT_COLOURS.get(result.verdict, BLACK)
-    drawn = [side for side in sides if low - reach <= side <= high + reach]
+    drawn = [side for side in sides if low - farthest <= side <= high + farthest]
     if not drawn:
         label += " (beyond this axis)"
         axes.plot([], [], color=colour, linestyle=_LIMIT_DASHES, linewidth=1.4)

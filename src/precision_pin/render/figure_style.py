@@ -6,12 +6,12 @@ outlines, so no name can be markup; identifiers begin with the figure's name, so
 
 from __future__ import annotations
 
+import bisect
 import io
 import re
-import textwrap
 import warnings
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from types import FunctionType
 from typing import Any, Final
@@ -20,6 +20,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from precision_pin.base.errors import visible
@@ -35,6 +36,8 @@ LINE_HEIGHT: Final = 3.6
 """Height of a text line, mm."""
 
 _MILLIMETRES_PER_INCH: Final = 25.4
+_MARGIN: Final = 0.06
+"""Room between text or axes and the figure's edge, inches."""
 _STYLE: Final[Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
@@ -89,16 +92,16 @@ class _ShownFigure(Figure):
 def new_figure(width: float) -> Figure:
     """Return an empty figure of a width in mm."""
     inches = (width / _MILLIMETRES_PER_INCH, 1.0)
-    figure = _ShownFigure(figsize=inches, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05))
+    figure = _ShownFigure(figsize=inches, layout=ConstrainedLayoutEngine(w_pad=_MARGIN, h_pad=0.05))
     FigureCanvasAgg(figure)
     return figure
 
 
 def figure_of(axes: Axes) -> Figure:
     """Return the figure of some axes."""
-    found = axes.get_figure(root=True)
-    assert found is not None
-    return found
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return figure
 
 
 def set_height(figure: Figure, height: float) -> None:
@@ -106,53 +109,74 @@ def set_height(figure: Figure, height: float) -> None:
     figure.set_size_inches(figure.get_size_inches()[0], height / _MILLIMETRES_PER_INCH)
 
 
-def wrapped(text: str, figure: Figure) -> list[str]:
-    """Return a text wrapped to the width of a figure."""
-    width = figure.get_size_inches()[0] * _MILLIMETRES_PER_INCH
-    return textwrap.wrap(text, int(width * 0.62))
+def _wrap(text: str, figure: Figure, size: str) -> list[str]:
+    """Return the lines of a text, each wrapped to the width of a figure at the size of a text of the style."""
+    canvas: Any = figure.canvas
+    renderer = canvas.get_renderer()
+    font = FontProperties(family=_STYLE["font.family"], size=_STYLE[size])
+    width = (figure.get_size_inches()[0] - 2 * _MARGIN) * figure.dpi
+
+    def advance(word: str) -> float:
+        """Return the length of a word and the space after it, pixels; between bars, since only ink is measured."""
+        ends = (renderer.get_text_width_height_descent(part, font, False)[0] for part in (f"|{word} |", "||"))
+        return float(next(ends) - next(ends))
+
+    lines: list[str] = []
+    with _missing_glyphs_ignored():
+        for paragraph in text.split("\n"):
+            room = 0.0
+            # a number stays with what it counts
+            for word in re.split(r" (?![=\d%]|mm|mrad)", paragraph):
+                # a word wider than the figure, such as the name of a file, is cut
+                while (length := advance(word)) > width:
+                    end = bisect.bisect_left(range(2, len(word)), width, key=lambda end: advance(word[:end])) + 1
+                    lines.append(word[:end])
+                    word, room = word[end:], 0.0
+                if length > room:
+                    lines.append("")
+                    room = width
+                lines[-1] += f"{word} "
+                room -= length
+    return [line.rstrip() for line in lines if line.strip()]
 
 
-def caption(what: str, provenance: Any, pose: Any) -> list[str]:
-    """Return the caption lines of a 174 mm figure: content, arm (its robot, base and tip) and pose (its name)."""
+def caption(what: str, provenance: Any, pose: Any) -> str:
+    """Return the first line of a caption: content, arm (its robot, base and tip) and pose (its name)."""
     named = f" at pose {visible(pose.name)}" if pose.name else ""
     arm = f"{visible(provenance.robot)}, {visible(provenance.base)} to {visible(provenance.tip)}"
-    return textwrap.wrap(f"{what} of {arm}{named}", 105)
+    return f"{what} of {arm}{named}"
 
 
-def labelled(panels: Iterable[Axes]) -> dict[str, Any]:
+def _labelled(panels: Iterable[Axes]) -> dict[str, Any]:
     """Return the artists of some axes by label, each label once."""
-    found: dict[str, Any] = {}
+    artists: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    return found
-
-
-def legend_below(figure: Figure, entries: Mapping[str, Any], columns: int, lines: Sequence[str] = ()) -> None:
-    """Add a legend below all axes and below the caption lines."""
-    figure.legend(
-        list(entries.values()),
-        list(entries),
-        loc="outside lower center",
-        ncols=columns,
-        frameon=False,
-        title="\n".join(lines),
-        handlelength=2.6,
-    )
+            artists.setdefault(label, handle)
+    return artists
 
 
 def frame(figure: Figure, panels: Iterable[Axes], title: str, caption: str, height: float, columns: int = 4) -> None:
-    """Add a title above, caption and legend below, and set the height: so many mm plus the text."""
-    entries, lines = labelled(panels), wrapped(caption, figure)
-    figure.suptitle("\n".join(wrapped(title, figure)))
-    legend_below(figure, entries, columns, lines)
-    set_height(figure, height + (len(lines) + 1 + len(entries) / columns) * LINE_HEIGHT)
+    """Add a title above, caption and legend below, and set the height: this many mm plus the text.
 
-
-def end_figure(figure: Figure, panels: Iterable[Axes], lines: Sequence[str], height: float, columns: int = 2) -> None:
-    """Add lines and a legend below, and set the height, mm."""
-    legend_below(figure, labelled(panels), columns, lines)
-    set_height(figure, height)
+    Title and caption, each of one or several lines, are wrapped to the width of the figure.
+    """
+    entries = _labelled(panels)
+    above, below = _wrap(title, figure, "figure.titlesize"), _wrap(caption, figure, "legend.title_fontsize")
+    if above:
+        figure.suptitle("\n".join(above))
+    if entries or below:
+        figure.legend(
+            list(entries.values()),
+            list(entries),
+            loc="outside lower center",
+            ncols=columns,
+            frameon=False,
+            title="\n".join(below),
+            handlelength=2.6,
+        )
+    rows = -(-sum(1 + label.count("\n") for label in entries) // columns)
+    set_height(figure, height + (len(above) + len(below) + rows) * LINE_HEIGHT)
 
 
 def shortened(name: str, most: int) -> str:
@@ -188,7 +212,7 @@ def inline_figure(drawn: Figure, name: str, label: str, caption: Child, class_: 
         for child in [child for child in parent if _local(child.tag) in ("metadata", "style")]:
             parent.remove(child)
     values = (value for node in root.iter() for value in node.attrib.values())
-    used = {found for value in values for found in re.findall(r"(?:^|url\()#([^)]*)", value)}
+    used = {identifier for value in values for identifier in re.findall(r"(?:^|url\()#([^)]*)", value)}
     for node in root.iter():
         node.tag = _local(node.tag)
         node.attrib = {
@@ -206,11 +230,17 @@ def inline_figure(drawn: Figure, name: str, label: str, caption: Child, class_: 
     return element("figure", region, element("figcaption", caption), class_=class_, id=f"figure-{name}")
 
 
+@contextmanager
+def _missing_glyphs_ignored() -> Iterator[None]:
+    """Accept names with letters that the font of the figures lacks; tables show them."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
+        yield
+
+
 def _svg(drawn: Figure) -> bytes:
     stream = io.BytesIO()
-    with style(), warnings.catch_warnings():
-        # a name may hold letters that the font of the figures does not have; the tables of the page show them
-        warnings.filterwarnings("ignore", message="Glyph .* missing", category=UserWarning)
+    with style(), _missing_glyphs_ignored():
         drawn.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     return stream.getvalue()
 
@@ -232,5 +262,5 @@ def _rewritten(key: str, value: str, name: str) -> str:
             # a hundredth of a point; outlines of letters are drawn in units of their own, far smaller
             return re.sub(r"(\d+\.\d{2})\d+", r"\1", " ".join(value.split()))
         case _:
-            coloured = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: COLOURS.get(found[0].lower(), found[0]), value)
+            coloured = re.sub(r"#[0-9a-fA-F]{6}\b", lambda match: COLOURS.get(match[0].lower(), match[0]), value)
             return re.sub(r"url\(#([^)]*)\)", rf"url(#{name}-\1)", coloured)

@@ -11,7 +11,10 @@ from typing import Final
 from precision_pin.base.errors import shortened
 
 MOST_ROWS: Final = 20
-"""Rows shown of a table; a line below counts the others."""
+"""Largest number of rows of a notebook table; a line below counts the others."""
+
+_MOST_UNBROKEN: Final = 14
+"""Largest number of rows of a table that is printed on one page: moving it leaves less than half a page empty."""
 
 _COLUMNS: Final = 100
 """Width at which preformatted sentences wrap."""
@@ -19,7 +22,9 @@ _COLUMNS: Final = 100
 
 def escaped(text: str) -> str:
     """Return text escaped for HTML elements and quoted attributes; unprintable characters are replaced."""
-    visible = (one if one.isprintable() else " " if one.isspace() else "\N{REPLACEMENT CHARACTER}" for one in text)
+    visible = (
+        letter if letter.isprintable() else " " if letter.isspace() else "\N{REPLACEMENT CHARACTER}" for letter in text
+    )
     return html.escape("".join(visible), quote=True)
 
 
@@ -156,6 +161,6 @@ def table(
     whole = element(
         "table", element("caption", caption), element("thead", element("tr", *head)), element("tbody", *body)
     )
-    size = "wide short" if len(lines) <= 20 else "wide"
+    size = "wide short" if len(lines) <= _MOST_UNBROKEN else "wide"
     size += " few" if len(header) <= 3 else ""
     return element("div", whole, class_=size, role="region", tabindex="0", aria_label=caption)

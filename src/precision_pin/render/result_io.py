@@ -58,10 +58,10 @@ class JsonResult:
             data = json.loads(text, parse_constant=int)
         except (ValueError, RecursionError):
             raise InputError(f"{name} is no JSON, so no result was saved there") from None
-        found = data.get("schema") if isinstance(data, dict) else None
-        if not isinstance(found, str) or not found.startswith(cls.schema):
+        schema = data.get("schema") if isinstance(data, dict) else None
+        if not isinstance(schema, str) or not schema.startswith(cls.schema):
             wanted = f"{cls.schema}…" if cls.schema.endswith("/") else cls.schema
-            held = f"of the schema {shown(found)}" if isinstance(found, str) else "without a schema"
+            held = f"of the schema {shown(schema)}" if isinstance(schema, str) else "without a schema"
             raise InputError(f"{name} is {held}; a file of {wanted} is expected")
         return SavedResult(data)
 

@@ -146,8 +146,8 @@ def resting_on(
     if is_brief:
         return ["; ".join(lines)] if lines else []
     if set(shares) - {"assumed", "not stated"}:
-        listed = ", ".join(f"{share_in_words(position)} {kind}" for kind, (position, _) in shares.items())
-        lines.append(f"variance of the position by provenance{at}: {listed}")
+        parts = ", ".join(f"{share_in_words(position)} {kind}" for kind, (position, _) in shares.items())
+        lines.append(f"variance of the position by provenance{at}: {parts}")
     return lines
 
 
@@ -155,11 +155,20 @@ def origins_entry(origins: Mapping[str, tuple[float, float]]) -> dict[str, dict[
     """Return the key ``provenance`` of a result's JSON; empty if the sheet states none."""
     if not origins:
         return {}
-    return {"provenance": {kind: {"position": one, "attitude": two} for kind, (one, two) in origins.items()}}
+    return {
+        "provenance": {
+            kind: {"position": position, "attitude": attitude} for kind, (position, attitude) in origins.items()
+        }
+    }
+
+
+def count_poses(number: int) -> str:
+    """Return a number of poses as text: ``1 pose``, ``2 poses``, …."""
+    return f"{number:,} pose{'' if number == 1 else 's'}"
 
 
 def share_in_words(share: float) -> str:
-    """Return a share in the variance to a percent; what is less is said to be so."""
+    """Return a share in the variance, rounded to a percent; ``under 1 %`` below half a percent."""
     return "under 1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
 
 
@@ -168,10 +177,10 @@ def pose_labels(names: Sequence[str]) -> list[str]:
     labels: dict[str, None] = {}
     for rank, name in enumerate(names, start=1):
         label = plain = name or f"pose {rank}"
-        again = 1
+        repeats = 1
         while label in labels:
-            again += 1
-            label = f"{plain} ({again})"
+            repeats += 1
+            label = f"{plain} ({repeats})"
         labels[label] = None
     return list(labels)
 
@@ -217,10 +226,10 @@ def data_frame(
 def dataset(frame: pandas.DataFrame) -> xarray.Dataset:
     """Return a frame whose index is a full grid as a dataset; ``attrs`` become text, as netCDF requires."""
     xarray = optional("xarray")
-    made = xarray.Dataset.from_dataframe(frame)
-    # as the frame has them, not sorted
-    made = made.sel({str(level): frame.index.unique(level) for level in frame.index.names})
-    return made.assign_attrs(described(frame.attrs))
+    result = xarray.Dataset.from_dataframe(frame)
+    # in the order of the frame, not sorted
+    result = result.sel({str(level): frame.index.unique(level) for level in frame.index.names})
+    return result.assign_attrs(described(frame.attrs))
 
 
 def described(attributes: Mapping[str, Any]) -> dict[str, str]:

@@ -15,8 +15,8 @@ def aligned(rows: list[list[str]]) -> list[str]:
     widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
-        blanks = [" " * (columns - width(cell)) for cell, columns in zip(row, widths, strict=True)]
-        filled = enumerate(zip(row, blanks, strict=True))
+        padding = [" " * (columns - width(cell)) for cell, columns in zip(row, widths, strict=True)]
+        filled = enumerate(zip(row, padding, strict=True))
         cells = [cell + blank if k < 2 else blank + cell for k, (cell, blank) in filled]
         lines.append("  ".join(cells).rstrip())
     return lines
@@ -38,19 +38,19 @@ def folded(rows: list[str], columns: int) -> list[str]:
 
     Long names of the first column wrap; if that is not enough, the table is split into several below each other, each
     with the names. Lines that are not rows of the table stay unchanged. In rows, as from :func:`aligned`, two or more
-    blanks separate columns.
+    spaces separate columns.
     """
     if max(map(width, rows)) <= columns:
         return rows
     cells = [_cells(row) for row in rows]
-    spans = _spans([one for row, one in zip(rows, cells, strict=True) if len(re.findall(r"\S {2,}\S", row)) > 1])
+    spans = _spans([line for row, line in zip(rows, cells, strict=True) if len(re.findall(r"\S {2,}\S", row)) > 1])
     if len(spans) < 3:
         return rows
     lines: list[str] = []
-    for is_row, group in groupby(cells, lambda one: _keeps(one, spans)):
-        same = list(group)
+    for is_row, group in groupby(cells, lambda line: _keeps_columns(line, spans)):
+        block = list(group)
         lines += (
-            _fit([["".join(one[i:j]) for i, j in spans] for one in same], columns) if is_row else map("".join, same)
+            _fit([["".join(line[i:j]) for i, j in spans] for line in block], columns) if is_row else map("".join, block)
         )
     return lines
 
@@ -68,7 +68,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _spans(rows: list[list[str]]) -> list[tuple[int, int]]:
-    """Return begin and end of each column of rows: two or more blanks separate them in every row."""
+    """Return begin and end of each column of rows: two or more spaces separate them in every row."""
     size = max(map(len, rows), default=0)
     filled = [any(k < len(row) and row[k] != " " for row in rows) for k in range(size)]
     filled[:1] = [True]  # an indent belongs to the names
@@ -80,8 +80,8 @@ def _spans(rows: list[list[str]]) -> list[tuple[int, int]]:
     return spans
 
 
-def _keeps(row: list[str], spans: list[tuple[int, int]]) -> bool:
-    """Return whether a line is not blank and has blanks between the columns."""
+def _keeps_columns(row: list[str], spans: list[tuple[int, int]]) -> bool:
+    """Return whether a line is not empty and has spaces between the columns."""
     between = [k for (_, end), (start, _) in pairwise(spans) for k in range(end, start)]
     return len(row) <= spans[-1][1] and all(k >= len(row) or row[k] == " " for k in between)
 
@@ -89,11 +89,11 @@ def _keeps(row: list[str], spans: list[tuple[int, int]]) -> bool:
 def _fit(table: list[list[str]], columns: int) -> list[str]:
     """Return the rows of a table, cells padded to their column's width, as lines that fit."""
     sizes = [max(width(row[k]) for row in table) for k in range(len(table[0]))]
-    beside = sum(size + 2 for size in sizes[1:])
-    parts = [_name_lines(row[0].rstrip(), columns - beside) for row in table]
+    other_width = sum(size + 2 for size in sizes[1:])
+    parts = [_name_lines(row[0].rstrip(), columns - other_width) for row in table]
     names = max(width(line) for lines in parts for line in lines)
     # names are folded to no less than 24 columns, and to two lines
-    if 24 <= columns - beside >= names and max(map(len, parts)) <= 2:
+    if 24 <= columns - other_width >= names and max(map(len, parts)) <= 2:
         return [
             "  ".join([name + " " * (names - width(name)), *(row[1:] if k == 0 else [])]).rstrip()
             for row, lines in zip(table, parts, strict=True)
@@ -101,21 +101,21 @@ def _fit(table: list[list[str]], columns: int) -> list[str]:
         ]
     # columns without a heading, such as units, belong to the names
     named = next((k for k in range(1, len(sizes)) if table[0][k].strip()), 1)
-    together: list[list[int]] = []
+    groups: list[list[int]] = []
     for k in range(named, len(sizes)):
-        is_of_last = together and table[0][k].strip() == "interval"
-        together[-1:] = [[*together[-1], k]] if is_of_last else [*together[-1:], [k]]
+        is_of_last = groups and table[0][k].strip() == "interval"
+        groups[-1:] = [[*groups[-1], k]] if is_of_last else [*groups[-1:], [k]]
     blocks: list[list[int]] = [[]]
     taken = sum(size + 2 for size in sizes[:named])
-    for group in together:
+    for group in groups:
         if blocks[-1] and taken + sum(sizes[j] + 2 for j in (*blocks[-1], *group)) - 2 > columns:
             blocks.append([])
         blocks[-1] += group
     lines: list[str] = []
     for block in blocks:
-        shown = [*range(named), *block]
+        indices = [*range(named), *block]
         lines += [""] * bool(lines)
-        lines += ["  ".join(row[k] + " " * (sizes[k] - width(row[k])) for k in shown).rstrip() for row in table]
+        lines += ["  ".join(row[k] + " " * (sizes[k] - width(row[k])) for k in indices).rstrip() for row in table]
     return lines
 
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -78,7 +78,7 @@ def histogram(
         if axes is not None:
             ax.set_title(title)
             return ax
-        _finish(figure_style.figure_of(ax), 50.0, title, figure_style.labelled([ax]), distribution, seed, columns=1)
+        figure_style.frame(figure_style.figure_of(ax), [ax], title, _caption(distribution, seed), 50.0, 1)
     return ax
 
 
@@ -123,10 +123,10 @@ def figure_components(
             for axes, is_shared in zip(row, shared, strict=True):
                 if not is_shared and any(shared):
                     axes.set_title(f"{axes.get_title()}\nown scale", fontsize=7)
-        entries: dict[str, Any] = {}
-        for label, handle in figure_style.labelled(grid.flat).items():
-            entries.setdefault(label.split(":")[0], handle)
-        _finish(figure, 95.0, title, entries, summary, seed, columns=4)
+        for axes in grid.flat:
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                handle.set_label(label.split(":")[0])
+        figure_style.frame(figure, grid.flat, title, _caption(summary, seed), 95.0)
     return figure
 
 
@@ -161,28 +161,13 @@ def _figure_of_norm(
         draw_distribution.draw_histogram(upper, norm, unit, summary.specifications)
         draw_distribution.draw_cumulative(lower, norm, unit, summary.specifications)
         upper.set_xlabel("")
-        _finish(figure, 85.0, title, figure_style.labelled([upper]), norm, seed, columns=1)
+        figure_style.frame(figure, [upper], title, _caption(norm, seed), 85.0, 1)
     return figure
 
 
-def _finish(
-    figure: Figure,
-    height: float,
-    title: str,
-    entries: Mapping[str, Any],
-    counted: Distribution | Summary,
-    seed: int | None,
-    *,
-    columns: int,
-) -> None:
-    caption = f"N = {counted.samples:,}" + ("" if seed is None else f", seed {seed}")
-    caption += f"; intervals at {100 * counted.confidence:g} % confidence"
-    title_lines, caption_lines = figure_style.wrapped(title, figure), figure_style.wrapped(caption, figure)
-    if title_lines:
-        figure.suptitle("\n".join(title_lines))
-    figure_style.legend_below(figure, entries, columns, caption_lines)
-    lines = len(title_lines) + len(caption_lines) + sum(1 + label.count("\n") for label in entries) / columns
-    figure_style.set_height(figure, height + lines * figure_style.LINE_HEIGHT)
+def _caption(counted: Distribution | Summary, seed: int | None) -> str:
+    origin = "" if seed is None else f", seed {seed}"
+    return f"N = {counted.samples:,}{origin}; intervals at {100 * counted.confidence:g} % confidence"
 
 
 _MOST_NAMED: Final = 24
@@ -191,8 +176,8 @@ _MOST_LETTERS: Final = 18  # of a name on the axis
 _MOST_LEVEL: Final = 80
 """Most letters of all names together without turning the labels."""
 _LIMIT_DASHES: Final = (0, (6, 1.5, 1.2, 1.5))
-_STYLES: Final = ((draw_distribution.SKY, ":"), (draw_distribution.BLUE, "-"), (draw_distribution.PURPLE, "--"))
-"""Colour and dashes of each quantile."""
+_STYLES: Final = ((draw_distribution.SKY, "v"), (draw_distribution.BLUE, "o"), (draw_distribution.PURPLE, "^"))
+"""Colour and marker of each quantile."""
 
 
 def plot_poses(result: PosesResult, quantity: str, axes: Axes | None) -> Axes | Figure:
@@ -220,13 +205,13 @@ def _draw_poses(axes: Axes, result: PosesResult, norm: int, vector: str) -> None
     unit = WrittenUnit.of_axis(quantity, float(result.norm_max[norm].max()))
     labels = pose_labels(result.names)
     places = np.arange(1, result.poses + 1)
-    for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
+    for rank, (level, (colour, marker)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
         intervals, quantiles = result.quantile_interval[rank, norm], result.quantile[rank, norm]
         value = quantiles * unit.per_si
         # a sketch's bin may end at its quantile: bars are never negative
         bars = np.maximum(np.abs(intervals * unit.per_si - value), 0.0)
         axes.errorbar(
-            places, value, yerr=bars, color=colour, linestyle=dashes, marker="o", markersize=2.5,
+            places, value, yerr=bars, color=colour, linestyle="none", marker=marker, markersize=2.5,
             elinewidth=0.6, capsize=1.2, label=f"{100 * level:g} % of robots" if rank else "median",
         )  # fmt: skip
     specs = [spec for spec in result.specification_results if spec.results[0].quantity.startswith(vector)]

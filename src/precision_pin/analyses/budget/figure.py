@@ -18,7 +18,7 @@ from precision_pin.analyses.collect import Cause, CauseShare, Results, percent
 from precision_pin.analyses.shares import VECTORS, Shares
 from precision_pin.base.errors import shortened
 from precision_pin.render.draw_distribution import BLACK, SKY
-from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, end_figure, inline_figure, new_figure, style
+from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, frame, inline_figure, new_figure, style
 from precision_pin.render.html import Child, Html, beside, element, items, joined, paragraph, table
 from precision_pin.render.tables import MISSING, milli, quantity_label, shown, unit
 from precision_pin.statistics.intervals import Estimate
@@ -186,11 +186,11 @@ def draw_bars(result: BudgetResult, pose: int, bars: Mapping[str, Sequence[Bar]]
         for axes, vector in zip(panels, VECTORS, strict=True):
             _draw(axes, bars[vector], vector)
         lines = [
-            *caption("error budget", result.provenance, result.poses[pose].pose),
+            caption("error budget", result.provenance, result.poses[pose].pose),
             f"N = {result.samples:,} points, seed {result.provenance.seed}, exact model; whiskers: intervals at "
             f"{100 * result.confidence:g} % confidence",
         ]
-        end_figure(figure, panels[:1], [_glyphs(line) for line in lines], 42 + 2 * 6.0 * rows)
+        frame(figure, panels[:1], "", "\n".join(map(_glyphs, lines)), 32 + 2 * 6.0 * rows, 2)
     return figure
 
 
@@ -232,16 +232,20 @@ def _draw(axes: Axes, bars: Sequence[Bar], vector: str) -> None:
         right_ends[row] = 100 * (total.value + total.half_width)
     longest = max([*lengths, *right_ends.values(), 1e-9])
     for row, bar in enumerate(shown_bars):
-        text = "  ".join(part for part in (f"{lengths[row]:.3g} %", bar.tolerance) if part)
+        text = "  ".join(part for part in (_percent(lengths[row], 3), bar.tolerance) if part)
         axes.text(max(lengths[row], right_ends[row]) + 0.012 * longest, row, _glyphs(text), va="center", fontsize=7)
     axes.set_yticks(range(len(shown_bars)), [shortened(_glyphs(bar.name), 48) for bar in shown_bars])
     axes.tick_params(axis="y", length=0)
     axes.set_ylim(max(len(shown_bars), 1) - 0.4, -0.6)
     axes.set_xlim(min(0.0, *lengths, 0.0), 1.4 * longest)
     if hidden_bars:
-        total_share = f"{100 * sum(bar.length for bar in hidden_bars):.2g} % together"
+        total_share = f"{_percent(100 * sum(bar.length for bar in hidden_bars), 2)} together"
         axes.set_title(f"{len(hidden_bars)} smaller ones, {total_share}, are not shown", fontsize=7, loc="right")
     axes.set_xlabel(f"share of the variance of the {vector} error [%]")
+
+
+def _percent(value: float, digits: int) -> str:
+    return "under 0.001 %" if 0 < abs(value) < 1e-3 else f"{value:.{digits}g} %"
 
 
 def _glyphs(name: str) -> str:

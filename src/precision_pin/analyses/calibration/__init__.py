@@ -314,5 +314,6 @@ DECLARATION = Declaration(
         ),
         place=40, chapter="figure:calibration_chapter", layer="figure:CalibrationLayer",
         settings=lambda file: {"robots": [file]}, check=check_measured, is_first=True,
+        headline="table:page_headline",
     ),
 )  # fmt: skip

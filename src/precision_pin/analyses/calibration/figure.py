@@ -59,14 +59,7 @@ def forecast_figure(result: CalibrationForecast) -> Figure:
 
 
 def _finish(figure: Figure, axes: Axes, title: str, note: str) -> None:
-    head = figure_style.wrapped(title, figure)
-    figure.suptitle("\n".join(head))
-    lines, entries = figure_style.wrapped(note, figure), figure_style.labelled([axes])
-    is_narrow = figure.get_figwidth() < _NARROW
-    columns = min(len(entries), 2) if is_narrow else len(entries)
-    figure_style.legend_below(figure, entries, columns, lines)
-    rows = len(head) + len(lines) + -(-len(entries) // max(columns, 1))
-    figure_style.set_height(figure, _HEIGHT + rows * figure_style.LINE_HEIGHT)
+    figure_style.frame(figure, [axes], title, note, _HEIGHT, 2 if figure.get_figwidth() < _NARROW else 4)
 
 
 def _draw_curve(
@@ -166,12 +159,9 @@ def population_figure(result: Population) -> Figure:
         axes.set_yticks(range(len(entries)), [visible(" and ".join(entry.names), 40) for entry in entries])
         axes.set_xlabel("measured standard deviation over that of the sheet")
         of = result.provenance
-        figure.suptitle(f"tolerances of {result.robots:,} robots {visible(of.robot, 60)}")
-        lines = figure_style.wrapped(
-            f"{100 * result.confidence:g} % intervals of the profile likelihood; orange: other than the sheet's", figure
-        )
-        figure_style.legend_below(figure, {}, 1, lines)
-        figure_style.set_height(figure, 30 + _ROW * len(entries) + len(lines) * figure_style.LINE_HEIGHT)
+        title = f"tolerances of {result.robots:,} robots {visible(of.robot, 60)}"
+        note = f"{100 * result.confidence:g} % intervals of the profile likelihood; orange: other than the sheet's"
+        figure_style.frame(figure, (), title, note, 27 + _ROW * len(entries))
     return figure
 
 

@@ -182,15 +182,13 @@ def describe_measurement(measurement: Measurement) -> str:
 
 def headline(result: CalibrationResult) -> list[str]:
     """Return the answer as sentences: verdict, residuals, the error left, the readings without weight."""
-    entries = result.poses
-    where = f"pose {shown(entries[0].name)}" if len(entries) == 1 else f"{len(entries):,} poses"
     lines = [
         # a browser breaks a line within "->"
         f"{_capital(improvement_text(result).replace('->', '→'))}.",
         f"{_capital(VERDICTS[result.verdict])}: {chi_square_text(result)}.",
         f"{_capital(residuals_text(result))}.",
         *(f"{_capital(line)}." for line in share_lines(result)),
-        f"Position error of the tip at {where}: rms {_sizes(result)}.",
+        f"Position error of the tip at {_where(result)}: rms {_sizes(result)}.",
     ]
     if result.gross_errors:
         worst = max(result.gross_errors, key=lambda error: error.deviations)
@@ -200,6 +198,17 @@ def headline(result: CalibrationResult) -> list[str]:
             f"{lead} given no weight: {label}, {milli(worst.size, 3)} mm or {worst.deviations:.3g} standard deviations off."
         )
     return lines
+
+
+def page_headline(result: CalibrationResult) -> tuple[str, str]:
+    """Return the answer of a page with a calibration, the error after it, and a line that names the page's own answer."""
+    before, after = (milli(result.rms_position[which], 3) for which in ("before", "after"))
+    answer = f"After calibration: position error {after} mm rms at {_where(result)}; {before} mm before"
+    return f"{answer}; {verdict_text(result)}", "Before calibration, robots of the sheet:"
+
+
+def _where(result: CalibrationResult) -> str:
+    return f"pose {shown(result.poses[0].name)}" if len(result.poses) == 1 else f"{len(result.poses):,} poses"
 
 
 def _arm(of: Provenance) -> str:

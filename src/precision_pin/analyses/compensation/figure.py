@@ -25,7 +25,7 @@ from precision_pin.render.draw_distribution import BLUE, VERMILION
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import escaped, items, paragraph, section, table
 from precision_pin.render.scene import Chapter, Layer, Scene, rounded
-from precision_pin.render.tables import symbol
+from precision_pin.render.tables import count_poses, symbol
 from precision_pin.robot.chain import Posture
 
 _MOST_LETTERS: Final = 18  # of a name on the axis
@@ -40,7 +40,7 @@ def figure(result: CompensationResult) -> Figure:
         for norm, axes in enumerate(panels):
             _draw(axes, result, norm)
         goal = "position" if result.mode == "position" else "position and attitude"
-        title = f"{goal} corrected: {visible(result.provenance.robot, 60)} at {len(result.poses):,} poses"
+        title = f"{goal} corrected: {visible(result.provenance.robot, 60)} at {count_poses(len(result.poses))}"
         caption = "mean: error with every component at its mean; 95 %: quantile of a normal law, first order"
         figure_style.frame(chart, panels, title, caption, 75.0)
     return chart
@@ -55,15 +55,16 @@ def _draw(axes: Axes, result: CompensationResult, norm: int) -> None:
     unit = WrittenUnit.of_axis(quantity, float(np.nanmax(result.within_before[norm])))
     places, marker = mark_poses(axes, result.poses, _MOST_LETTERS, _MOST_LEVEL)
     curves = (
-        (sizes_before, VERMILION, "-", "mean before"),
-        (result.within_before[norm], VERMILION, "--", "95 % of robots before"),
-        (sizes_after, BLUE, "-", "mean after"),
-        (result.within_after[norm], BLUE, "--", "95 % of robots after"),
+        (sizes_before, VERMILION, "-", "o", "mean before"),
+        (result.within_before[norm], VERMILION, "--", "^", "95 % of robots before"),
+        (sizes_after, BLUE, "-", "o", "mean after"),
+        (result.within_after[norm], BLUE, "--", "^", "95 % of robots after"),
     )
-    for values, colour, dashes, label in curves:
-        axes.plot(
-            places, values * unit.per_si, color=colour, linestyle=dashes, marker=marker, markersize=3, label=label
-        )
+    # only poses of one motion are joined
+    is_path = result.poses.times is not None
+    for values, colour, dashes, mark, label in curves:
+        line_style: Any = {"linestyle": dashes if is_path else "none", "marker": mark if marker or not is_path else ""}
+        axes.plot(places, values * unit.per_si, color=colour, markersize=2.5, label=label, **line_style)
     axes.set_ylim(bottom=0)
     axes.set_ylabel(f"{symbol(quantity)} [{unit.name}]")
     if marker and result.poses.times is None:

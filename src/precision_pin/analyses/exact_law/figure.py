@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -23,20 +22,10 @@ from precision_pin.analyses.shares import VECTORS
 from precision_pin.base.errors import one_line
 from precision_pin.render.columns import report_table
 from precision_pin.render.draw_distribution import BLUE, SKY, VERMILION, ticks
-from precision_pin.render.figure_style import (
-    DOUBLE_COLUMN,
-    LINE_HEIGHT,
-    caption,
-    end_figure,
-    inline_figure,
-    new_figure,
-    style,
-)
+from precision_pin.render.figure_style import DOUBLE_COLUMN, caption, frame, inline_figure, new_figure, style
 from precision_pin.render.html import Child, items, paragraph
 from precision_pin.render.tables import milli, quantity_label, symbol, unit
 from precision_pin.statistics import Distribution
-
-_HEIGHT: Final = 92.0  # mm
 
 
 def content(result: ExactLawResult, results: Results) -> list[Child]:
@@ -93,7 +82,7 @@ def _overlay(laws: Sequence[ExactLaw], distributions: Sequence[Distribution]) ->
         for axes in panels[0, :1]:
             axes.set_ylabel(f"density [1/{unit(laws[0].quantity)}]")
         panels[1, 0].set_ylabel("cumulative probability")
-        end_figure(chart, panels.flat, (), _HEIGHT, 3)
+        frame(chart, panels.flat, "", "", 88.0, 3)
     return chart
 
 
@@ -121,17 +110,17 @@ def _draw_method(density_axes: Axes, cumulative_axes: Axes, law: ExactLaw, distr
 def figure(result: ExactLawResult, which: int = 0) -> Figure:
     """Return the densities of dx … δz at one of the poses over histograms of the samples, 174 mm wide."""
     entry, provenance = result.poses[which], result.provenance
-    lines = [
-        *caption("exact law of the first-order model", provenance, entry.pose),
+    lines = (
+        caption("exact law of the first-order model", provenance, entry.pose),
         f"N = {result.samples:,}, seed {provenance.seed}, first-order model, statics {provenance.statics}",
-    ]
+    )
     with style():
         chart = new_figure(DOUBLE_COLUMN)
         panels = chart.subplots(2, 3)
         components = [law for law in entry.laws.values() if not law.quantity.endswith("norm")]
         for axes, law in zip(panels.flat, components, strict=True):
             _draw(axes, law)
-        end_figure(chart, panels.flat, lines, 100 + LINE_HEIGHT * (len(lines) + 1), 3)
+        frame(chart, panels.flat, "", "\n".join(lines), 100.0, 3)
     return chart
 
 

@@ -24,7 +24,7 @@ from precision_pin.render.draw_distribution import BLACK, BLUE, PURPLE, SKY, VER
 from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figure, new_figure, shortened, style
 from precision_pin.render.html import Html, escaped, items, paragraph, section, table
 from precision_pin.render.scene import Chapter, Colour, Layer, Scene
-from precision_pin.render.tables import symbol
+from precision_pin.render.tables import count_poses, symbol
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics.intervals import format_interval
@@ -34,8 +34,8 @@ _MOST_NAMED: Final = 24
 _MOST_TICKS: Final = 6  # of an axis
 _MOST_LETTERS: Final = 18  # of a name on the axis
 _MOST_LEVEL: Final = 60  # letters of all names together without rotated labels
-# colour and dashes of each quantile
-_STYLES: Final = ((SKY, ":"), (BLUE, "-"), (PURPLE, "--"))
+# colour, dashes and marker of each quantile
+_STYLES: Final = ((SKY, ":", "v"), (BLUE, "-", "o"), (PURPLE, "--", "^"))
 # relative extent of the places across a plane or a line below which they count as lying in it
 _FLAT: Final = 1e-6
 _COLOURS: Final = "cividis"
@@ -133,7 +133,7 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
         places_shown = "; the worst branch and tool angle of each place" if has_branches else note
         caption = f"first order, closed form{places_shown}; {worst_said(result, norm, rank)}"
         what = size if is_curve else f"{100 * level:g} % of robots within {size}"
-        title = f"{what}: {visible(result.provenance.robot, 60)} at {len(nodes):,} poses"
+        title = f"{what}: {visible(result.provenance.robot, 60)} at {count_poses(len(nodes))}"
         frame(chart, axes.tolist(), title, caption, 95.0 if len(panels) == 1 and not is_curve else 80.0)
     return chart
 
@@ -170,17 +170,21 @@ def _draw_curves(
     places = layout.places[0] * (1e3 if layout.names[0].endswith("[mm]") else 1.0)
     order = np.argsort(places, kind="stable")
     is_short = len(places) <= _MOST_NAMED
-    for rank, (level, (colour, dashes)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
+    for rank, (level, (colour, dashes, marker)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
         if title and level != 0.95:
             continue
         label = "median" if level == LEVELS[0] else f"{100 * level:g} % of robots"
+        lines: Any = {"color": BLACK, "linestyle": (0, (1, 1))} if title else {"color": colour, "linestyle": dashes}
+        # only poses of one motion, or along a line, are joined
+        lines |= {"linestyle": "none"} if layout.kind == "list" else {}
         axes.plot(
-            places[order], values[rank][order], color=BLACK if title else colour, linestyle=(0, (1, 1)) if title else dashes,
-            marker="o" if is_short else "", markersize=2.5, label=f"{label}, {title}" if title else label,
+            places[order], values[rank][order], marker=marker if is_short else "", markersize=2.5,
+            label=f"{label}, {title}" if title else label, **lines,
         )  # fmt: skip
     if title:
         return
-    axes.fill_between(places[order], 0, values[LEVELS.index(0.95)][order], color=SKY, alpha=0.12, linewidth=0)
+    if layout.kind != "list":
+        axes.fill_between(places[order], 0, values[LEVELS.index(0.95)][order], color=SKY, alpha=0.12, linewidth=0)
     unknown = ~np.isfinite(values[0])
     if unknown.any():
         axes.plot(
@@ -229,8 +233,7 @@ def _draw_field(
     axes.set_xlabel(layout.names[0])
     axes.set_ylabel(layout.names[1])
     axes.set_aspect("equal")
-    if layout.kind == "plane":
-        axes.locator_params(nbins=_MOST_TICKS, steps=[1, 2, 5, 10])
+    axes.locator_params(nbins=_MOST_TICKS, steps=[1, 2, 5, 10])
     if layout.kind == "space":
         axes.set_zlabel(layout.names[2])
     chart.colorbar(mesh, ax=axes, label=label, shrink=0.85, pad=0.1 if layout.kind == "space" else 0.02)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,8 @@ from matplotlib.figure import Figure
 
 from precision_pin.analyses.collect import Results
 from precision_pin.analyses.moments.moments import MomentsResult, PoseMoments
+from precision_pin.analyses.shares import VECTORS
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.render import figure_style
 from precision_pin.render.columns import report_table
 from precision_pin.render.draw_distribution import BLACK, BLUE, SKY
@@ -18,42 +21,45 @@ from precision_pin.render.html import Child, Html, paragraph, table
 from precision_pin.render.tables import milli, shown, symbol, unit
 from precision_pin.statistics import COMPONENTS, QUANTITIES
 
+_LABELS: Final = {"mean": "mean", "std": "standard deviation"}
+_NEGLIGIBLE: Final = 1e-3
+"""Mean, as a fraction of the largest standard deviation, below which no application heeds it."""
+
 
 def figure(result: MomentsResult, which: int = 0) -> Figure:
     """Return mean and standard deviation of the components, exact next to first order, 174 mm wide."""
     pose = result.poses[which]
     run = result.provenance
     method_line = f"{result.how}; N = {result.samples:,}, seed {run.seed}, statics {run.statics}"
-    lines = [*figure_style.caption("moments of the error", run, pose.pose), method_line]
+    caption = f"{figure_style.caption('moments of the error', run, pose.pose)}\n{method_line}"
     with figure_style.style():
         chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
         panels = chart.subplots(2, 2)
-        for column, (rows, unit) in enumerate(((range(3), "mm"), (range(3, 6), "mrad"))):
-            _draw(panels[0, column], pose, rows, "mean", f"mean [{unit}]")
-            _draw(panels[1, column], pose, rows, "std", f"standard deviation [{unit}]")
-        figure_style.end_figure(chart, panels.flat, lines, 92 + figure_style.LINE_HEIGHT * (len(lines) + 1))
+        for column, vector in zip(panels.T, VECTORS, strict=True):
+            _draw(column[0], pose, vector, "mean")
+            _draw(column[1], pose, vector, "std")
+        figure_style.frame(chart, panels.flat, "", caption, 92.0, 2)
     return chart
 
 
 def draw(axes: Axes, result: MomentsResult, which: int, quantity: str) -> None:
     """Draw the standard deviations of one vector's components on given axes."""
-    rows, unit = (range(3), "mm") if quantity == "position" else (range(3, 6), "mrad")
     with figure_style.style():
-        _draw(axes, result.poses[which], rows, "std", f"standard deviation [{unit}]")
+        _draw(axes, result.poses[which], quantity, "std")
 
 
-def _draw(axes: Axes, pose: PoseMoments, rows: range, which: str, label: str) -> None:
-    exact = getattr(pose, which)
+def _draw(axes: Axes, pose: PoseMoments, vector: str, which: str) -> None:
+    exact, first_order = getattr(pose, which), getattr(pose, f"first_order_{which}")
     half = np.zeros(6) if exact.half_width is None else np.nan_to_num(exact.half_width)
-    places, names = np.arange(len(rows)), [symbol(QUANTITIES[COMPONENTS[row]]) for row in rows]
-    row_list = list(rows)
-    axes.bar(
-        places - 0.2, 1e3 * getattr(pose, f"first_order_{which}")[row_list], width=0.36, color=SKY, label="first order"
-    )
+    rows = [3 * VECTORS.index(vector) + k for k in range(3)]
+    places, names = np.arange(3), [symbol(QUANTITIES[COMPONENTS[row]]) for row in rows]
+    spread = float(pose.std.value[rows].max())
+    axis_unit = WrittenUnit.of_axis(vector, max(spread, float(np.abs(pose.mean.value[rows]).max())))
+    axes.bar(places - 0.2, axis_unit.per_si * first_order[rows], width=0.36, color=SKY, label="first order")
     axes.bar(
         places + 0.2,
-        1e3 * exact.value[row_list],
-        yerr=1e3 * half[row_list],
+        axis_unit.per_si * exact.value[rows],
+        yerr=axis_unit.per_si * half[rows],
         width=0.36,
         color=BLUE,
         label="exact model",
@@ -61,7 +67,11 @@ def _draw(axes: Axes, pose: PoseMoments, rows: range, which: str, label: str) ->
     )
     axes.axhline(0, color=BLACK, linewidth=0.6)
     axes.set_xticks(places, names)
-    axes.set_ylabel(label)
+    axes.set_ylabel(f"{_LABELS[which]} [{axis_unit.name}]")
+    # rounding is drawn as zero, not enlarged to the panel's height
+    low, high = axes.get_ylim()
+    least = _NEGLIGIBLE * spread * axis_unit.per_si
+    axes.set_ylim(min(low, -least), max(high, least))
 
 
 def content(result: MomentsResult, results: Results) -> list[Child]:

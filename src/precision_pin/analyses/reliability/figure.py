@@ -33,7 +33,7 @@ def figure(
     """Return each specification's probabilities of failure by method, and the importance factors, 174 mm wide."""
     entry, provenance = result.poses[which], result.provenance
     lines = [
-        *figure_style.caption("reliability", provenance, entry.pose),
+        figure_style.caption("reliability", provenance, entry.pose),
         f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}; "
         f"bars: intervals at {100 * result.confidence:g} % confidence",
     ]
@@ -45,8 +45,7 @@ def figure(
             _draw_methods(panels[k, 0], specification)
             importances = list(specification.failures[0].importance.items()) if specification.failures else []
             _draw_importance(panels[k, 1], specification, importances if importance is None else importance[k])
-        drawing.suptitle("\n".join(lines))
-        figure_style.set_height(drawing, 34.0 * rows + figure_style.LINE_HEIGHT * (len(lines) + 1))
+        figure_style.frame(drawing, (), "\n".join(lines), "", 34.0 * rows + figure_style.LINE_HEIGHT)
     return drawing
 
 

@@ -94,7 +94,7 @@ def figure(
     """
     pose, provenance = result.poses[which], result.provenance
     lines = [
-        *figure_style.caption("worst case", provenance, pose.pose),
+        figure_style.caption("worst case", provenance, pose.pose),
         f"N = {result.samples:,}, seed {provenance.seed}, exact model, statics {provenance.statics}",
     ]
     if result.cut:
@@ -107,8 +107,8 @@ def figure(
         panels = chart.subplots(2, 1, height_ratios=[max(len(rows), 4) for rows in bars])
         for axes, bound, rows in zip(panels, bounds, bars, strict=True):
             _draw(axes, bound, rows)
-        height = 34 + _BAR * sum(max(len(rows), 4) for rows in bars) + figure_style.LINE_HEIGHT * (len(lines) + 2)
-        figure_style.end_figure(chart, panels[:1], lines, height)
+        height = 34 + _BAR * sum(max(len(rows), 4) for rows in bars)
+        figure_style.frame(chart, panels[:1], "", "\n".join(lines), height, 2)
     return chart
 
 

@@ -16,8 +16,9 @@ from precision_pin.sampling.table import NOTHING_VARIES, tolerance_bounds
 from precision_pin.statistics import Distribution, SpecificationResult, VectorDistribution, Verdict, format_share
 from precision_pin.statistics.distribution import COMPONENT_LEVELS, CONTENTS
 
-_UNASKED = (0.95, 0.9973)
-_WORDS: Final[dict[Verdict, str]] = {
+_LEVELS: Final = (0.95, 0.9973)
+"""Quantiles of the head: the usual 95 %, and the ±3σ share of a normal law."""
+_SENTENCES: Final[dict[Verdict, str]] = {
     "met": "The specification is met",
     "not met": "The specification is not met",
     "not judged": "The specification is not judged",
@@ -28,16 +29,16 @@ _WORDS: Final[dict[Verdict, str]] = {
 
 def verdict(results: Results, missed: Sequence[str] = ()) -> Html:
     """Return the verdict and the size of the errors."""
-    given = results.analysis.summary.specifications
+    judged = results.analysis.summary.specifications
     parts: list[Child] = []
-    if given:
-        met = sum(result.met for result in given)
-        elsewhere = f", but not {' and not '.join(missed)}" if missed and met == len(given) else ""
-        headline = element("strong", describe_verdict(given), elsewhere)
+    if judged:
+        met = sum(result.met for result in judged)
+        elsewhere = f", but not {' and not '.join(missed)}" if missed and met == len(judged) else ""
+        headline = element("strong", describe_verdict(judged), elsewhere)
         text: list[Child] = [headline, "."]
-        if len(given) == 1 and given[0].verdict not in ("nothing to judge", "not judged"):
-            text.append(f" {_counted(given[0])}")
-        parts.append(paragraph(*text, class_="verdict met" if met == len(given) and not missed else "verdict failed"))
+        if len(judged) == 1 and judged[0].verdict not in ("nothing to judge", "not judged"):
+            text.append(f" {_share_text(judged[0])}")
+        parts.append(paragraph(*text, class_="verdict met" if met == len(judged) and not missed else "verdict failed"))
     else:
         if not any(results.analysis.summary.varying):
             parts.append(
@@ -48,28 +49,28 @@ def verdict(results: Results, missed: Sequence[str] = ()) -> Html:
     return joined([*parts, _sizes(results)])
 
 
-def describe_verdict(given: Sequence[SpecificationResult]) -> str:
-    """Return briefly which of the specifications are met."""
-    if len(given) == 1:
-        grounds = given[0].grounds
+def describe_verdict(judged: Sequence[SpecificationResult]) -> str:
+    """Return which specifications are met, as a phrase."""
+    if len(judged) == 1:
+        grounds = judged[0].grounds
         why = f": {grounds.why}" if grounds.not_judged else ""
-        return f"{_WORDS[given[0].verdict]}{grounds.taken if given[0].met else ''}{why}"
-    others = [result.verdict for result in given if result.verdict not in ("met", "not met")]
+        return f"{_SENTENCES[judged[0].verdict]}{grounds.taken if judged[0].met else ''}{why}"
+    others = [result.verdict for result in judged if result.verdict not in ("met", "not met")]
     counts = [f"{others.count(verdict)} {verdict}" for verdict in dict.fromkeys(others)]
-    met, grounds = sum(result.met for result in given), given[0].grounds
+    met, grounds = sum(result.met for result in judged), judged[0].grounds
     why = f": {grounds.why}" if grounds.not_judged else ""
-    return ", ".join([f"{met} of {len(given)} specifications are met{grounds.taken if met else ''}", *counts]) + why
+    return ", ".join([f"{met} of {len(judged)} specifications are met{grounds.taken if met else ''}", *counts]) + why
 
 
 def specifications(results: Results) -> Html:
-    """Return each specification with the fraction inside and its interval; without one, how to give one."""
-    given = results.analysis.summary.specifications
-    if not given:
+    """Return each specification with the fraction inside and its interval, or an example of the option if none is given."""
+    judged = results.analysis.summary.specifications
+    if not judged:
         return paragraph('No limit was given: --spec sets one, such as --spec "0.5 mm @ 99.73 %".', class_="note")
-    return report_table("Specifications", specification_columns(results.analysis.summary.confidence), given)
+    return report_table("Specifications", specification_columns(results.analysis.summary.confidence), judged)
 
 
-def _counted(result: SpecificationResult) -> str:
+def _share_text(result: SpecificationResult) -> str:
     share, low, high = format_share(result.probability, result.interval, result.required)
     return (
         f"{share} % of the robots stay within {limit_text(result)} (interval [{low}, {high}] %); "
@@ -80,24 +81,24 @@ def _counted(result: SpecificationResult) -> str:
 def _sizes(results: Results) -> Html:
     analysis = results.analysis
     rows = [
-        [quantity_label(norm.quantity), *(_quantile(norm, level) for level in _UNASKED)]
+        [quantity_label(norm.quantity), *(_quantile(norm, level) for level in _LEVELS)]
         for norm in (analysis.position.norm, analysis.attitude.norm)
     ]
-    header = ["error", *(f"{100 * level:g} % within" for level in _UNASKED)]
+    header = ["error", *(f"{100 * level:g} % within" for level in _LEVELS)]
     return table(
         f"Errors that few robots exceed, {100 * results.analysis.summary.confidence:g} % intervals", header, rows
     )
 
 
 def _sentence(distribution: Distribution) -> Html:
-    name = symbol(distribution.quantity)
-    what = "a position" if distribution.quantity.startswith("position") else "an attitude"
-    level = next((level for level in reversed(_UNASKED) if distribution.resolved_quantile(level) is not None), None)
+    quantity = symbol(distribution.quantity)
+    error = "a position" if distribution.quantity.startswith("position") else "an attitude"
+    level = next((level for level in reversed(_LEVELS) if distribution.resolved_quantile(level) is not None), None)
     if level is None:
-        return joined([f"The samples are too few for the far quantiles of the error {name}."])
+        return joined([f"The samples are too few for the far quantiles of the error {quantity}."])
     size = element("strong", f"{statistic(distribution, level)} {unit(distribution.quantity)}")
-    of = element("span", name, class_="symbol")
-    return joined([f"{100 * level:g} % of the robots have {what} error ", of, " of at most ", size, "."])
+    name = element("span", quantity, class_="symbol")
+    return joined([f"{100 * level:g} % of the robots have {error} error ", name, " of at most ", size, "."])
 
 
 _EXTREMES: Final = (("min", "smallest seen"), ("max", "largest seen"))
@@ -106,17 +107,17 @@ _EXTREMES: Final = (("min", "smallest seen"), ("max", "largest seen"))
 def distributions(results: Results) -> Html:
     """Return the figures of |d|, |δ| and the six components with a table of their numbers."""
     analysis = results.analysis
-    drawn = figures.figures_of(analysis.summary, analysis.seed, analysis.arm)
+    drawings = figures.figures_of(analysis.summary, analysis.seed, analysis.arm)
     pictures = element(
         "div",
         inline_figure(
-            drawn["position"],
+            drawings["position"],
             f"{results.prefix}position",
             f"Density and cumulative distribution of the position error: {_described(analysis.position.norm)}",
             "Position error |d|: density above, cumulative distribution below.",
         ),
         inline_figure(
-            drawn["attitude"],
+            drawings["attitude"],
             f"{results.prefix}attitude",
             f"Density and cumulative distribution of the attitude error: {_described(analysis.attitude.norm)}",
             "Attitude error |δ|: density above, cumulative distribution below.",
@@ -125,7 +126,7 @@ def distributions(results: Results) -> Html:
     )
     parts = [part for vector in (analysis.position, analysis.attitude) for part in (vector.x, vector.y, vector.z)]
     components = inline_figure(
-        drawn["components"],
+        drawings["components"],
         f"{results.prefix}components",
         f"Densities of the six components: {'; '.join(_short(part) for part in parts)}",
         "The six components of the error.",

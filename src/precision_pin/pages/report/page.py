@@ -49,9 +49,9 @@ def without_folders(text: str, results: Results) -> str:
     return re.sub(r"(?<![\w.:/)])(?:/[^/\s'\"]+)+/(?=[^/\s'\"])", "", text)
 
 
-def left_out(what: str, missing: Missing, results: Results) -> Html:
+def explain_absence(title: str, missing: Missing, results: Results) -> Html:
     """Return why a section has no content."""
-    return paragraph(f"{what}: not available. {without_folders(missing.reason, results)}.", class_="note")
+    return paragraph(f"{title}: not available. {without_folders(missing.reason, results)}.", class_="note")
 
 
 _MODELS = {
@@ -73,15 +73,15 @@ def assumptions(poses: Sequence[Results]) -> Html:
     """Return poses, model, statics, scopes, confidence, the error at the means and all warnings."""
     results = poses[0]
     analysis = results.analysis
-    drawn = [f"{count:,} {_SCOPES[scope]}" for scope, count in analysis.scopes.items() if count]
+    counts = [f"{count:,} {_SCOPES[scope]}" for scope, count in analysis.scopes.items() if count]
     at_means = []
-    for one in poses:
-        nominal = [milli(value, 5) for value in one.analysis.nominal]
-        where = f"pose {one.analysis.pose_name}: " if len(poses) > 1 and one.analysis.pose_name else ""
+    for pose in poses:
+        nominal = [milli(value, 5) for value in pose.analysis.nominal]
+        where = f"pose {pose.analysis.pose_name}: " if len(poses) > 1 and pose.analysis.pose_name else ""
         vectors = f"d = ({', '.join(nominal[:3])}) mm, δ = ({', '.join(nominal[3:])}) mrad"
         at_means.append(f"{where}with every parameter at its mean: {vectors}")
     entries = [
-        *(("Pose", subject(one)) for one in poses),
+        *(("Pose", subject(pose)) for pose in poses),
         ("Model", _MODELS[analysis.model]),
         ("Statics", _STATICS[analysis.statics]),
         ("Axes", f"errors are position d and rotation vector δ of {analysis.tip}, in the axes of {analysis.base}"),
@@ -91,7 +91,7 @@ def assumptions(poses: Sequence[Results]) -> Html:
         ),
         *(("Error at the means", text) for text in at_means),
         *(("Assumed", line) for line in resting_on(analysis.assumed, analysis.sources, analysis.origins)),
-        ("Random numbers", ", ".join(drawn) or "none: nothing varies"),
+        ("Random numbers", ", ".join(counts) or "none: nothing varies"),
         *([("Verdict", _RULE)] if analysis.summary.specifications else []),
         ("Confidence", f"{100 * analysis.summary.confidence:g} % for each interval by itself"),
         ("Digits", "only those that the samples support; – is not resolved by this many samples"),
@@ -107,9 +107,9 @@ def _warnings(poses: Sequence[Results]) -> Html:
             # what a section states itself is not repeated
             if not isinstance(result, Missing) and not declarations()[name].has_warnings_in_table:
                 lines += [(line, results) for line in result.warnings]
-    shown = list(dict.fromkeys(without_folders(line, results) for line, results in lines))
+    warnings = list(dict.fromkeys(without_folders(line, results) for line, results in lines))
     none = paragraph("None of the sheet, the URDF, the pose or the statics.")
-    return joined([element("h3", "Warnings"), items(shown, "warnings") if shown else none])
+    return joined([element("h3", "Warnings"), items(warnings, "warnings") if warnings else none])
 
 
 def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
@@ -122,7 +122,6 @@ def scene(poses: Sequence[Results], layers: Sequence[Layer] = ()) -> Html:
             view.ViewPose(results.at, results.cloud, results.analysis.pose_name or None, words=results.model.draw_words)
             for results in poses
         ],
-        title=f"{analysis.robot}: {analysis.base} to {analysis.tip}",
         seed=analysis.seed,
         model_name=analysis.model,
         points=count,
@@ -145,7 +144,7 @@ def geometry(poses: Sequence[Results]) -> Html:
     """Return the table of MCPC parameters in the layout of the paper's Table 1."""
     results, heading = poses[0], "MCPC parameters"
     if isinstance(results.mcpc, Missing):
-        return section("mcpc", heading, left_out(heading, results.mcpc, results))
+        return section("mcpc", heading, explain_absence(heading, results.mcpc, results))
     note = paragraph(
         "The nominal chain in the modified complete and parametrically continuous model of Zhuang, Wang and Roth (1993), "
         "laid out as Table 1 of Wei, Jia and Chen (2015).",
@@ -192,7 +191,10 @@ def reproduction(poses: Sequence[Results]) -> Html:
             [
                 ("Seed", str(results.analysis.seed)),
                 ("Samples", f"{results.analysis.samples:,}"),
-                ("Versions", ", ".join(f"{name} {one}" for name, one in versions("matplotlib", "meshcat").items())),
+                (
+                    "Versions",
+                    ", ".join(f"{name} {version}" for name, version in versions("matplotlib", "meshcat").items()),
+                ),
                 ("Platform", f"{platform.system()} {platform.machine()}"),
             ]
         ),
@@ -212,6 +214,7 @@ def page(
     layers: Sequence[Layer] = (),
     *,
     missed: Sequence[str] = (),
+    headline: Sequence[str] = (),
     full: bool = False,
 ) -> str:
     """Return one self-contained HTML page about one or several poses: verdict, distributions, causes, bounds, 3-D view.
@@ -224,6 +227,7 @@ def page(
         chapters: Chapters beside the poses, such as a map or a path of the same chain.
         layers: What the 3-D view shows of them.
         missed: Where else a specification is not met, such as ``on the map``.
+        headline: Answer above the verdict, and the line between the two.
         full: Open all sections initially, except the 3-D view.
     """
     poses = [results] if isinstance(results, Results) else list(results)
@@ -250,9 +254,9 @@ def page(
     titles |= {name: declarations()[name].title for name in worst.found}
     details = _details(worst)
     for other in poses[1:]:
-        asked, name = other.analysis.summary.specifications, f"{other.prefix}pose"
+        judged, name = other.analysis.summary.specifications, f"{other.prefix}pose"
         titles[name] = f"Pose {name_pose(other)}"
-        heading = f"{titles[name]}: {describe_verdict(asked)}" if asked else titles[name]
+        heading = f"{titles[name]}: {describe_verdict(judged)}" if judged else titles[name]
         details.append(section(name, heading, picture(other), specifications(other), *_details(other)))
     details += [chapter.section for chapter in chapters]
     titles |= {chapter.name: chapter.title for chapter in chapters}
@@ -263,7 +267,7 @@ def page(
     links = (element("li", element("a", title, href=f"#{name}")) for name, title in titles.items())
     main = element(
         "main",
-        summary(poses, [line for chapter in chapters for line in chapter.answers], missed),
+        summary(poses, [line for chapter in chapters for line in chapter.answers], missed, headline),
         element("nav", element("ul", *links), aria_label="Contents"),
         assumptions(poses),
         *details,
@@ -286,18 +290,18 @@ def page(
 
 def _details(results: Results) -> list[Html]:
     """Return the sections of a pose; an analysis without a result says why."""
-    made = [distributions(results)]
+    sections = [distributions(results)]
     for name, result in results.found.items():
-        one = declarations()[name]
+        declaration = declarations()[name]
         if isinstance(result, Missing):
-            parts: Iterable[Child] = [left_out(one.title, result, results)]
+            parts: Iterable[Child] = [explain_absence(declaration.title, result, results)]
         else:
-            parts = one.content(result, results)
-        made.append(section(f"{results.prefix}{name}", one.heading, *parts))
-    return made
+            parts = declaration.content(result, results)
+        sections.append(section(f"{results.prefix}{name}", declaration.heading, *parts))
+    return sections
 
 
 def _opened(sections: Sequence[Html]) -> list[Html]:
-    """Return sections with their folds open; small parts folded inside them, such as minor causes, stay folded."""
+    """Return sections with everything that is folded open, also parts folded inside them, such as minor causes."""
     # text is escaped, so this is always a tag
-    return [Html(one.text.replace('<details class="fold"', '<details class="fold" open=""')) for one in sections]
+    return [Html(part.text.replace("<details", '<details open=""')) for part in sections]

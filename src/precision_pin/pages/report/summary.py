@@ -22,8 +22,8 @@ from precision_pin.statistics import Distribution, SpecificationResult, clopper_
 from precision_pin.statistics.intervals import format_inside
 
 _LEVEL: Final = 0.95
-# robots evaluated again for each row
-_MOST: Final = 100_000
+_MOST_ROBOTS: Final = 100_000
+"""Largest number of robots that each row evaluates again: the default number of samples of a report."""
 
 
 def constant_part(results: Results) -> float:
@@ -38,18 +38,18 @@ def changes(results: Results) -> Html:
 
     The quantity is that of the first specification that is not met, of the first one where all are, or |d|.
     """
-    given = sorted(results.analysis.summary.specifications, key=lambda one: one.met)
-    asked = given[0] if given else None
-    quantity = asked.quantity if asked is not None else results.analysis.position.norm.quantity
+    judged = sorted(results.analysis.summary.specifications, key=lambda result: result.met)
+    specification = judged[0] if judged else None
+    quantity = specification.quantity if specification is not None else results.analysis.position.norm.quantity
     vector = quantity.partition(".")[0]
-    causes = [one for one in results.rank_causes(vector) if one.share is not None and one.share >= 0.01][:5]
+    causes = [cause for cause in results.rank_causes(vector) if cause.share is not None and cause.share >= 0.01][:5]
     constant = vector == "position" and constant_part(results) > 0
     if not causes and not constant:
         return joined([])
     header = ["change", "share of the variance %", f"{100 * _LEVEL:g} % within [{unit(quantity)}]"]
-    header += [] if asked is None else [f"inside {milli(asked.limit, 6)} {unit(quantity)}"]
-    rows = [[*row, *_outcome(errors, quantity, asked)] for row, errors in _changed(results, causes, constant)]
-    count = min(results.analysis.samples, _MOST)
+    header += [] if specification is None else [f"inside {milli(specification.limit, 6)} {unit(quantity)}"]
+    rows = [[*row, *_outcome(errors, quantity, specification)] for row, errors in _changed(results, causes, constant)]
+    count = min(results.analysis.samples, _MOST_ROBOTS)
     note = (
         f"The same {count:,} robots with the change, {results.analysis.model} model. Halved: each deviation from the mean is "
         "half as large. Constant part: the error with every parameter at its mean, the same for every robot; compensate "
@@ -61,51 +61,62 @@ def changes(results: Results) -> Html:
 
 def _changed(results: Results, causes: list[CauseShare], constant: bool) -> Iterator[tuple[list[Child], Array]]:
     """Yield the cells that name a change, and the errors ``(6, n)`` with it; all changes together come last."""
-    errors, mean = results.errors_with(_MOST), np.array(results.analysis.nominal)[:, None]
+    errors, mean = results.errors_with(_MOST_ROBOTS), np.array(results.analysis.nominal)[:, None]
     now = errors([])
     yield ["as it is", ""], now
     if constant:
         yield [f"without the constant part of {milli(constant_part(results), 3)} mm", ""], now - mean
-    for one in causes:
-        yield [f"halved: {one.cause.text}", percent(one.share)], errors([one.cause])
+    for entry in causes:
+        yield [f"halved: {entry.cause.text}", percent(entry.share)], errors([entry.cause])
     if len(causes) + constant > 1:
-        yield ["all of these", ""], errors(one.cause for one in causes) - constant * mean
+        yield ["all of these", ""], errors(entry.cause for entry in causes) - constant * mean
 
 
-def _outcome(errors: Array, quantity: str, asked: SpecificationResult | None) -> list[Child]:
+def _outcome(errors: Array, quantity: str, specification: SpecificationResult | None) -> list[Child]:
     values = np.abs(values_of(quantity, errors))
-    found = quantile(values, _LEVEL)
-    size = MISSING if found is None else format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))
-    if asked is None:
+    estimate = quantile(values, _LEVEL)
+    size = MISSING if estimate is None else _inside(estimate)
+    if specification is None:
         return [size]
-    kept = int(np.count_nonzero(values <= asked.limit))
-    share, interval = kept / values.size, clopper_pearson(kept, values.size, 0.95)
-    said = replace(asked, probability=share, interval=interval)
-    text = f"{format_share(share, interval, asked.required)[0]} %, "
-    return [size, element("span", text, element("strong", said.verdict, class_="good" if said.met else "bad"))]
+    inside = int(np.count_nonzero(values <= specification.limit))
+    share, interval = inside / values.size, clopper_pearson(inside, values.size, 0.95)
+    result = replace(specification, probability=share, interval=interval)
+    text = f"{format_share(share, interval, specification.required)[0]} %, "
+    return [size, element("span", text, element("strong", result.verdict, class_="good" if result.met else "bad"))]
 
 
-_MARKED: Final = (0.95, 0.9973)
+def _inside(estimate: tuple[float, tuple[float, float]]) -> str:
+    """Return a quantile in mm or mrad with the digits that its interval supports."""
+    value, (low, high) = estimate
+    return format_inside(1e3 * value, (1e3 * low, 1e3 * high))
 
 
-def summary(poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = ()) -> Html:
+_LEVELS: Final = (0.95, 0.9973)
+
+
+def summary(
+    poses: Sequence[Results], answers: Sequence[str] = (), missed: Sequence[str] = (), headline: Sequence[str] = ()
+) -> Html:
     """Return the first section: the verdict, for several poses on the worst with a table of all, and what to change.
 
     The worst pose comes first. ``answers`` are those of the chapters beside the poses; ``missed`` states where else a
-    limit is not met.
+    limit is not met. ``headline`` is an answer above the verdict, and the line between the two.
     """
     worst = poses[0]
-    words = element("div", verdict(worst, missed), _causes(worst), class_="words")
-    asked = worst.analysis.summary.specifications
+    above = [
+        paragraph(element("strong", line), class_="verdict" if k == 0 else "lead") for k, line in enumerate(headline)
+    ]
+    words = element("div", *above, verdict(worst, missed), _causes(worst), class_="words")
+    judged = worst.analysis.summary.specifications
     parts: list[Child] = [element("div", words, picture(worst), class_="first")]
     if len(poses) > 1:
         parts.append(_by_pose(poses))
     if answers:
         parts.append(items(answers, "answers"))
-    if len(asked) != 1:
-        # the first sentence contains everything if there is only one
+    if len(judged) != 1:
+        # a single one is in the first sentence
         parts.append(specifications(worst))
-    heading = "Verdict" if asked else "Result"
+    heading = "Verdict" if judged else "Result"
     if len(poses) > 1:
         heading += f", worst of {len(poses)} poses: {name_pose(worst)}"
     return section("verdict", heading, *parts, changes(worst), folded=False)
@@ -119,23 +130,23 @@ def name_pose(results: Results) -> str:
 def picture(results: Results) -> Html:
     """Return the arm with its cloud."""
     norm, nominal, errors = results.analysis.position.norm, results.analysis.nominal[:3], results.cloud[:3]
-    limits = [one for one in results.analysis.summary.specifications if one.quantity == norm.quantity]
-    limit = min(limits, key=lambda one: one.limit, default=None)
+    limits = [result for result in results.analysis.summary.specifications if result.quantity == norm.quantity]
+    limit = min(limits, key=lambda result: result.limit, default=None)
     # errors far from zero are drawn relative to the error at the means
     is_apart = bool(middle_of(errors).any())
     if is_apart:
-        found = quantile(np.linalg.norm(errors - nominal[:, None], axis=0), _LEVEL)
-        within, middle = found and found[0], tuple(nominal.tolist())
-        size = found and f"{format_inside(1e3 * found[0], (1e3 * found[1][0], 1e3 * found[1][1]))} mm"
-        shown = f"errors without the constant part of {milli(constant_part(results), 3)} mm"
+        estimate = quantile(np.linalg.norm(errors - nominal[:, None], axis=0), _LEVEL)
+        within, middle = estimate and estimate[0], tuple(nominal.tolist())
+        size = estimate and f"{_inside(estimate)} mm"
+        phrase = f"errors without the constant part of {milli(constant_part(results), 3)} mm"
     else:
         within, middle = norm.resolved_quantile(_LEVEL), (0.0, 0.0, 0.0)
         size = None if within is None else f"{statistic(norm, _LEVEL)} {unit(norm.quantity)}"
-        shown = "errors"
+        phrase = "errors"
     cloud = Cloud(errors, within, limit and limit.limit, limit is None or limit.met, middle)
     posture = results.at.posture
     drawn = draw_picture(posture, cloud, [Path(folder) for folder in results.package_dirs])
-    parts = [f"{drawn.points:,} sampled robots, {shown} ×{drawn.factor:g} about the tip (+)"]
+    parts = [f"{drawn.points:,} sampled robots, {phrase} ×{drawn.factor:g} about the tip (+)"]
     if size is not None:
         parts.append(f"dashed: 95 % within {size}")
     if limit is not None:
@@ -156,7 +167,9 @@ def picture(results: Results) -> Html:
 def causes_in_words(results: Results, vector: str, most: int) -> list[tuple[float, str]]:
     """Return the largest causes as fraction and text."""
     ranked = results.rank_causes(vector)
-    return [(one.share, one.cause.text) for one in ranked[:most] if one.share is not None and one.share >= 5e-4]
+    return [
+        (entry.share, entry.cause.text) for entry in ranked[:most] if entry.share is not None and entry.share >= 5e-4
+    ]
 
 
 def _causes(results: Results) -> Html:
@@ -185,24 +198,24 @@ def _causes(results: Results) -> Html:
 
 
 def _by_pose(poses: Sequence[Results]) -> Html:
-    asked = poses[0].analysis.summary.specifications
-    header = ["pose", *(["verdict"] if asked else [])]
-    header += [*(f"{100 * level:g} % within [{unit('position')}]" for level in _MARKED), "largest cause"]
+    has_verdict = bool(poses[0].analysis.summary.specifications)
+    header = ["pose", *(["verdict"] if has_verdict else [])]
+    header += [*(f"{100 * level:g} % within [{unit('position')}]" for level in _LEVELS), "largest cause"]
     rows = []
     for results in poses:
-        given = results.analysis.summary.specifications
+        judged = results.analysis.summary.specifications
         norm = results.analysis.position.norm
         cells: list[Child] = [name_pose(results)]
-        if given:
-            said = given[0].verdict if len(given) == 1 else describe_verdict(given)
-            met = all(result.met for result in given)
-            cells.append(element("strong", said, class_="good" if met else "bad"))
-        cells += [_with_interval(norm, level) for level in _MARKED]
+        if judged:
+            phrase = judged[0].verdict if len(judged) == 1 else describe_verdict(judged)
+            met = all(result.met for result in judged)
+            cells.append(element("strong", phrase, class_="good" if met else "bad"))
+        cells += [_with_interval(norm, level) for level in _LEVELS]
         largest = causes_in_words(results, "position", 1)
         cells.append("".join(f"{100 * share:.0f} % {text}" for share, text in largest) or MISSING)
         rows.append(cells)
     caption = f"{len(poses)} poses, the worst first: position error {symbol('position.norm')}"
-    return element("div", table(caption, header, rows, words=(1, 4) if asked else (3,)), class_="poses")
+    return element("div", table(caption, header, rows, words=(1, 4) if has_verdict else (3,)), class_="poses")
 
 
 def _with_interval(norm: Distribution, level: float) -> Child:

@@ -88,10 +88,10 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
     shape = (max(1, round((top - bottom) / size)), _PIXELS)
     image = draw_triangles(seen, triangles.colours, frame[0], size, shape)
     with style():
-        made = new_figure(WIDTH)
-        made.set_layout_engine("none")
-        set_height(made, WIDTH * shape[0] / shape[1])
-        axes = made.add_axes((0.0, 0.0, 1.0, 1.0))
+        figure = new_figure(WIDTH)
+        figure.set_layout_engine("none")
+        set_height(figure, WIDTH * shape[0] / shape[1])
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
         axes.imshow(image, extent=(left, right, bottom, top), interpolation="none", aspect="auto")
         _draw_cloud(axes, cloud, drawn, factor, shows_limit)
@@ -99,7 +99,7 @@ def draw_picture(posture: Posture, cloud: Cloud, package_dirs: Sequence[Path] = 
         _draw_base(axes, frame, camera)
         axes.set_xlim(left, right)
         axes.set_ylim(bottom, top)
-    return Picture(made, factor, len(drawn), shows_limit)
+    return Picture(figure, factor, len(drawn), shows_limit)
 
 
 # camera and frame ----------------------------------------------------------------------------
@@ -109,27 +109,27 @@ def _choose_camera(posture: Posture, corners: Array) -> Camera:
     """Return the camera that shows the arm widest with the least of it in front of the tip."""
     points = joint_points(posture)
     near = _CLOUD / 2 * arm_length(posture)
-    some = corners[:: max(1, len(corners) // 4000), 0] if len(corners) else points
+    sample = corners[:: max(1, len(corners) // 4000), 0] if len(corners) else points
 
     def rate(camera: Camera) -> float:
         lengths = np.linalg.norm(np.diff(camera.project(points)[:, :2], axis=0), axis=1).sum() / arm_length(posture)
-        relative = camera.project(some) - camera.project(points[-1])
+        relative = camera.project(sample) - camera.project(points[-1])
         about = np.linalg.norm(relative[:, :2], axis=1) < near
         hiding = float((about & (relative[:, 2] > near / 4)).mean())
         return round(float(lengths) - 4 * hiding, 6)
 
-    turns = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS + np.pi / _AZIMUTHS
-    return max((Camera(float(turn), math.radians(20)) for turn in turns), key=rate)
+    azimuths = 2 * np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS + np.pi / _AZIMUTHS
+    return max((Camera(float(azimuth), math.radians(20)) for azimuth in azimuths), key=rate)
 
 
 def _arm_frame(skeleton: Array, seen: Array) -> Array:
     """Return low and high corner of all that is drawn, or of the chain if the rest of the robot is far larger, ``(2, 2)``."""
     low, high = skeleton[:, :2].min(axis=0), skeleton[:, :2].max(axis=0)
-    room = max(float((high - low).max()), 1e-6)
+    size = max(float((high - low).max()), 1e-6)
     if not len(seen):
-        return np.array([low - 0.1 * room, high + 0.1 * room])
+        return np.array([low - 0.1 * size, high + 0.1 * size])
     lowest, highest = seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1))
-    lowest, highest = np.maximum(lowest, low - 0.4 * room), np.minimum(highest, high + 0.4 * room)
+    lowest, highest = np.maximum(lowest, low - 0.4 * size), np.minimum(highest, high + 0.4 * size)
     return np.array([np.minimum(lowest, low), np.maximum(highest, high)])
 
 
@@ -137,15 +137,15 @@ def _choose_factor(cloud: Cloud, drawn: Array, extent: float) -> tuple[float, bo
     """Return a round magnification of errors, and whether the limit then fits."""
     points = np.vstack([drawn, np.zeros((1, 2))])
     span = float(np.ptp(np.quantile(points, [0.01, 0.99], axis=0), axis=0).max()) if len(drawn) > 1 else 0.0
-    reach = max(span, float(np.linalg.norm(drawn.mean(axis=0))) if len(drawn) else 0.0)
-    if reach <= 1e-15 * extent:
+    radius = max(span, float(np.linalg.norm(drawn.mean(axis=0))) if len(drawn) else 0.0)
+    if radius <= 1e-15 * extent:
         return 1.0, False
-    factor = _CLOUD * extent / reach
+    factor = _CLOUD * extent / radius
     limit = None if any(cloud.middle) else cloud.limit
     shows_limit = limit is not None
     if limit is not None and factor * limit > _LIMIT * extent:
         smaller = _LIMIT * extent / limit
-        shows_limit = smaller * reach >= _SMALLEST * extent
+        shows_limit = smaller * radius >= _SMALLEST * extent
         factor = smaller if shows_limit else factor
     return _round(factor), shows_limit
 
@@ -156,7 +156,7 @@ def _round(value: float) -> float:
         return 1.0
     power = 10.0 ** math.floor(math.log10(value))
     rounds = [power * digit for digit in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)]
-    return float(f"{min(rounds, key=lambda one: abs(math.log(one / value))):.6g}")
+    return float(f"{min(rounds, key=lambda candidate: abs(math.log(candidate / value))):.6g}")
 
 
 def _whole_frame(arm: Array, drawn: Array, radius: float) -> Array:

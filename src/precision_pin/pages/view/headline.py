@@ -32,7 +32,7 @@ CONFIDENCE: Final = 0.95
 LEVELS: Final = (0.5, 0.95, 0.9973)
 """Quantiles marked on the colour bar."""
 
-_SHOWN_LEVEL: Final = 0.95
+_HEADLINE_LEVEL: Final = 0.95
 
 
 @dataclass(frozen=True)
@@ -52,15 +52,18 @@ def answers(
     ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` are first-order standard deviations.
     """
     varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
-    said = [*(_judged(one, errors, varies, grounds) for one in specifications), _size(errors)]
+    results = [
+        *(_judge(specification, errors, varies, grounds) for specification in specifications),
+        _describe_size(errors),
+    ]
     middle = middle_of(errors[:3])
-    found = quantile(np.linalg.norm(errors[:3] - middle[:, None], axis=0), _SHOWN_LEVEL)
-    if found is not None and middle.any():
-        value, (low, high) = found
+    estimate = quantile(np.linalg.norm(errors[:3] - middle[:, None], axis=0), _HEADLINE_LEVEL)
+    if estimate is not None and middle.any():
+        value, (low, high) = estimate
         within = format_inside(1e3 * value, (1e3 * low, 1e3 * high), most=5)
         text = f"Mean error {mean_size(errors[:3])} mm, the same for every robot"
-        said.append(Answer(text, f"95 % of robots within {within} mm of it"))
-    return tuple(said)
+        results.append(Answer(text, f"95 % of robots within {within} mm of it"))
+    return tuple(results)
 
 
 def values_of(quantity: str, errors: Array) -> Array:
@@ -85,23 +88,24 @@ def limit_text(specification: Specification) -> str:
     return f"{absolute(specification.quantity)} ≤ {limit} for {100 * specification.required:.10g} %"
 
 
-def as_html(found: Sequence[Answer]) -> str:
+def as_html(answers_of_page: Sequence[Answer]) -> str:
     """Return the answer as HTML, as the page's script also writes it."""
     return "\n".join(
-        f"<p class='answer' data-verdict='{one.verdict}'>{escaped(one.text)}</p>\n<p class='fine'>{escaped(one.detail)}</p>"
-        for one in found
+        f"<p class='answer' data-verdict='{answer.verdict}'>{escaped(answer.text)}</p>\n"
+        f"<p class='fine'>{escaped(answer.detail)}</p>"
+        for answer in answers_of_page
     )
 
 
-def _judged(specification: Specification, errors: Array, varies: Array, grounds: Grounds) -> Answer:
+def _judge(specification: Specification, errors: Array, varies: Array, grounds: Grounds) -> Answer:
     values = np.abs(values_of(specification.quantity, errors))
-    kept = int(np.count_nonzero(values <= specification.limit))
+    inside = int(np.count_nonzero(values <= specification.limit))
     result = SpecificationResult(
         quantity=specification.quantity,
         limit=specification.limit,
         required=specification.required,
-        probability=kept / values.size,
-        interval=clopper_pearson(kept, values.size, CONFIDENCE),
+        probability=inside / values.size,
+        interval=clopper_pearson(inside, values.size, CONFIDENCE),
         # a norm varies where one of its components does
         varies=bool(values_of(specification.quantity, varies)),
         grounds=grounds,
@@ -123,19 +127,19 @@ def mean_size(positions: Array) -> str:
     return format_inside(size, (size - half, size + half), most=3)
 
 
-def _size(errors: Array) -> Answer:
+def _describe_size(errors: Array) -> Answer:
     sizes = np.linalg.norm(errors[:3], axis=0)
     robots = f"{sizes.size:,} robots" if sizes.size > 1 else "1 robot"
     length = WrittenUnit.of_axis("position", float(sizes.max()))
     if np.ptp(sizes) <= NO_SPREAD:
         return Answer(f"Every robot within {length.short(sizes.max())}", f"{robots}, all alike")
-    found = quantile(sizes, _SHOWN_LEVEL)
-    if found is None:
+    estimate = quantile(sizes, _HEADLINE_LEVEL)
+    if estimate is None:
         return Answer(f"{robots} are too few for the 95 % quantile", "add samples")
-    value, ends = found
-    inside = format_inside(length.per_si * value, (length.per_si * ends[0], length.per_si * ends[1]), most=5)
+    value, ends = estimate
+    text = format_inside(length.per_si * value, (length.per_si * ends[0], length.per_si * ends[1]), most=5)
     low, high = format_interval(*ends, length.per_si)
     return Answer(
-        f"95 % of robots within {inside} {length.name}",
+        f"95 % of robots within {text} {length.name}",
         f"interval {low} to {high} {length.name} at {100 * CONFIDENCE:g} % confidence; {robots}",
     )

@@ -50,7 +50,7 @@ _PICTURE: Final = (600, 500)
 def page(
     shown: Sequence[ViewPose],
     *,
-    title: str,
+    title: str = "",
     seed: int,
     model_name: str,
     factor: float | None = None,
@@ -58,6 +58,7 @@ def page(
     points: int = scales.DEFAULT_POINTS,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     specifications: Sequence[Specification] = (),
+    headline: Sequence[str] = (),
     remarks: Sequence[str] = (),
     layers: Sequence[Layer] = (),
 ) -> str:
@@ -72,13 +73,14 @@ def page(
 
     Args:
         shown: The poses, all of one chain, and their errors; several get a slider.
-        title: Heading.
+        title: Heading (default: the robot and the ends of its chain).
         seed, model_name: Origin of the errors.
         factor: Initial exaggeration; by default the cloud spans about a quarter of the picture's width.
         caption: Further rows of the caption, ``(name, text)``.
         points: Largest number of samples drawn at each pose: the first ones. All poses together draw at most 100,000.
         package_dirs: Folders of packages for ``package://`` mesh names, in addition to those found around the URDF.
         specifications: Limits; the page states at its top whether they are kept, and draws those of the position.
+        headline: Answer above that of the robots shown, and the line between the two.
         remarks: Basis of the answer, one line each below it.
         layers: Layers beside the arm and its errors, such as a map or a path of the same chain.
     """
@@ -88,6 +90,7 @@ def page(
     if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= scales.MOST_POINTS:
         raise InputError(f"the cloud can show 1 to {scales.MOST_POINTS:,} points, got {points!r}")
     posture = poses[0].pose_model.posture
+    title = title or f"{posture.chain.robot.name}: {posture.chain.base} to {posture.chain.tip_label}"
     length = scales.arm_length(posture)
     direction = scales.view_direction(posture, poses[0].errors[:3])
     about_mean = any(scales.middle_of(one.errors[:3]).any() for one in poses)
@@ -159,6 +162,9 @@ def page(
         viewer=viewer,
         script=script,
         title=escaped(title),
+        above="\n".join(
+            f"<p class='{kind}'>{escaped(line)}</p>" for kind, line in zip(("answer", "fine"), headline, strict=False)
+        ),
         headline=as_html(data[0].answers),
         remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
         label=label,

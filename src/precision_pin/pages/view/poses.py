@@ -73,22 +73,22 @@ def choose_groups(pose_models: Sequence[PoseModel], words: Sequence[str] = (), *
     space = pose_models[0].space
     share = np.zeros(len(space.draws))
     for at in pose_models:
-        own = np.array(
+        covariances = np.array(
             [
                 np.einsum("ij,jk,ik->i", at.jacobian[:, columns], draw.covariance, at.jacobian[:, columns])
                 for draw, columns in zip(space.draws, space.slices, strict=True)
             ]
         ).reshape(-1, 6)
         for rows in (slice(0, 3), slice(3, 6))[: 1 + attitude]:
-            part = own[:, rows].sum(axis=1)
+            part = covariances[:, rows].sum(axis=1)
             share = np.maximum(share, part / (part.sum() or 1.0))
     ranked = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > 1e-9]
     alone = ranked if len(ranked) <= MOST_TOLERANCES + 1 else ranked[:MOST_TOLERANCES]
-    rest = ranked[len(alone) :]
+    remaining = ranked[len(alone) :]
     pairs = zip(words, (draw.tolerance for draw in space.draws), strict=False)
     known = [", ".join(filter(None, pair)) for pair in pairs] or [draw.name for draw in space.draws]
-    names = [known[k] for k in alone] + ([f"{len(rest)} smaller ones together"] if rest else [])
-    return Groups(tuple(names), (*((k,) for k in alone), *((tuple(rest),) if rest else ())))
+    names = [known[k] for k in alone] + ([f"{len(remaining)} smaller ones together"] if remaining else [])
+    return Groups(tuple(names), (*((k,) for k in alone), *((tuple(remaining),) if remaining else ())))
 
 
 def samples_that_fit(space: Space, groups: Groups, poses: int) -> int:
@@ -284,11 +284,11 @@ def _live(shown: ViewPose, page: PageData, model: str | None, points: int) -> di
     centre, jacobian = tangent_of(at, model)
     # the arm's length weights attitude errors against position errors
     weights = np.repeat([1.0, arm_length(at.posture)], 3)[:, None]
-    taken = [
+    group_columns = [
         [column for k in draws for column in range(at.space.slices[k].start, at.space.slices[k].stop)]
         for draws in groups.draws
     ]
-    parts = [_rows(jacobian[:, own], x[own] - at.space.mean[own, None], weights) for own in taken]
+    parts = [_rows(jacobian[:, part], x[part] - at.space.mean[part, None], weights) for part in group_columns]
     numbers = np.concatenate([numbers for _, numbers in parts])
     largest = np.abs(numbers).max(axis=1)
     # each row of deviations as integer steps of two bytes
@@ -300,7 +300,7 @@ def _live(shown: ViewPose, page: PageData, model: str | None, points: int) -> di
         # value of one step
         "slopes": _rounded(np.concatenate([slopes.T for slopes, _ in parts]) * (largest / _STEPS)[:, None]),
         "group": [number for number, (slopes, _) in enumerate(parts) for _ in range(slopes.shape[1])],
-        "variances": _rounded(_variances(at, jacobian, taken)),
+        "variances": _rounded(_variances(at, jacobian, group_columns)),
         "ranks": [quantile_ranks(x.shape[1], level, CONFIDENCE) for level in LEVELS],
         "reach": [[ellipsoid_reach(share, freedom) for share in SHARES] for freedom in (1, 2, 3)],
     }
@@ -313,18 +313,18 @@ def _rows(jacobian: Array, deviations: Array, weights: Array) -> tuple[Array, Ar
     # many numbers span at most six directions
     weighted = weights * (jacobian @ deviations)
     directions, sizes, _ = np.linalg.svd(weighted, full_matrices=False)
-    kept = directions[:, sizes > 1e-12 * sizes.max()] if sizes.max() > 0 else directions[:, :1]
-    return kept / weights, kept.T @ weighted
+    basis = directions[:, sizes > 1e-12 * sizes.max()] if sizes.max() > 0 else directions[:, :1]
+    return basis / weights, basis.T @ weighted
 
 
-def _variances(at: PoseModel, jacobian: Array, taken: Sequence[list[int]]) -> Array:
+def _variances(at: PoseModel, jacobian: Array, group_columns: Sequence[list[int]]) -> Array:
     """Return the groups' parts of the variance of the position, ``(G, G)``, m²; their sum is the variance."""
     rows = []
-    for own in taken:
+    for part in group_columns:
         alone = np.zeros((3, at.space.size))
-        alone[:, own] = jacobian[:3, own]
+        alone[:, part] = jacobian[:3, part]
         with_all = at.space.block_covariance.times(alone.T)
-        rows.append([float(np.einsum("ij,ji->", jacobian[:3, other], with_all[other])) for other in taken])
+        rows.append([float(np.einsum("ij,ji->", jacobian[:3, other], with_all[other])) for other in group_columns])
     return np.array(rows)
 
 
@@ -332,19 +332,19 @@ def _rounded(numbers: Array) -> list[list[float]]:
     return [[float(f"{number:.9g}") for number in row] for row in numbers.tolist()]
 
 
-def limits_kept(shown: Sequence[ViewPose], specifications: Sequence[Specification]) -> bool:
-    """Return whether the verdict is that every limit is met at every pose."""
-    return all(answer.verdict in ("", "met") for one in shown for answer in _answers(one, specifications))
+def limits_kept(view_poses: Sequence[ViewPose], specifications: Sequence[Specification]) -> bool:
+    """Return whether every limit is met at every pose."""
+    return all(answer.verdict in ("", "met") for pose in view_poses for answer in _answers(pose, specifications))
 
 
-def _answers(shown: ViewPose, specifications: Sequence[Specification]) -> tuple[Answer, ...]:
-    spread = np.sqrt(np.maximum(np.diag(shown.pose_model.covariance), 0.0))
-    return answers(shown.errors, specifications, spread, shown.grounds)
+def _answers(view_pose: ViewPose, specifications: Sequence[Specification]) -> tuple[Answer, ...]:
+    spread = np.sqrt(np.maximum(np.diag(view_pose.pose_model.covariance), 0.0))
+    return answers(view_pose.errors, specifications, spread, view_pose.grounds)
 
 
 def limits_attitude(specifications: Sequence[Specification]) -> bool:
-    """Return whether any limit is of the attitude."""
-    return any(one.quantity.startswith("attitude") for one in specifications)
+    """Return whether any specification limits the attitude."""
+    return any(limit.quantity.startswith("attitude") for limit in specifications)
 
 
 def columns(pose: ArrayLike) -> list[float]:

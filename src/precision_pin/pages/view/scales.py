@@ -18,7 +18,7 @@ DEFAULT_POINTS: Final = 20_000
 """Default number of samples in the cloud."""
 
 MOST_POINTS: Final = 100_000
-"""Largest number that all poses together can show: larger pages open slowly."""
+"""Largest number of samples of all poses of a page: larger pages open slowly."""
 
 MOST_POSES: Final = 200
 """Largest number of poses of one page."""
@@ -43,8 +43,8 @@ def view_direction(posture: Posture, positions: ArrayLike | None = None) -> Arra
     front = farthest / size if size > 1e-6 * arm_length(posture) else np.array([1.0, 0.0])
     side = np.array([front[1], -front[0]])
     # from the side of the arm toward its front, the usual one first, all from somewhat above
-    turned = [np.deg2rad(angle) for angle in (20, 35, 50, 130, 145, 160)]
-    directions = [np.array([*(np.cos(turn) * side + np.sin(turn) * front), 0.42]) for turn in turned]
+    azimuths = [np.deg2rad(angle) for angle in (20, 35, 50, 130, 145, 160)]
+    directions = [np.array([*(np.cos(azimuth) * side + np.sin(azimuth) * front), 0.42]) for azimuth in azimuths]
     if positions is None:
         return directions[0]
     errors = np.asarray(positions, dtype=float)
@@ -99,7 +99,7 @@ def default_factor(
     """
     errors = np.asarray(positions, dtype=float)
     axes = picture_axes(view_direction(posture, errors) if direction is None else direction)
-    arm = axes @ np.vstack([joint_points(one) for one in (posture, *others)]).T
+    arm = axes @ np.vstack([joint_points(each) for each in (posture, *others)]).T
     tip, mean = axes @ posture.pose[:3, 3], axes @ errors.mean(axis=1)
     seen = axes @ errors - mean[:, None]
     span = 5.0 * float(np.linalg.svd(seen, compute_uv=False)[0]) / math.sqrt(errors.shape[1])
@@ -108,13 +108,13 @@ def default_factor(
     span = span if span > negligible else float(np.linalg.norm(mean))
     if span <= negligible:
         return 1.0
-    whole = max(_picture_width(arm), 1e-9)
+    arm_width = max(_picture_width(arm), 1e-9)
 
     def misses(factor: float) -> float:
         centre = tip + factor * mean
         half = factor * span / 2
         width = _picture_width(np.column_stack([arm, centre - half, centre + half]))
-        if whole < 0.45 * width:
+        if arm_width < 0.45 * width:
             return math.inf
         return abs(math.log(factor * span / width / 0.27))
 
