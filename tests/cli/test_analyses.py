@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ PATHS = [f"axis_install[joint{k}].radius" for k in range(1, 5)]
 
 def _sheet(folder, limit):
     entries = "".join(f"    - {{path: '{path}', cost: {{reciprocal: 1 mm}}}}\n" for path in PATHS)
-    text = (folder / SHEET).read_text() + f"\nallocate:\n  specs: ['{limit}']\n  tolerances:\n{entries}"
+    text = "# by hand\n" + (folder / SHEET).read_text() + f"\nallocate:\n  specs: ['{limit}']\n  tolerances:\n{entries}"
     (folder / "wanted.yaml").write_text(text)
     return "wanted.yaml"
 
@@ -40,6 +41,16 @@ def test_tolerances_are_chosen_verified_and_written_as_a_sheet_with_the_front(ru
     assert [one["path"] for one in result["tolerances"]] == PATHS
     one, two, three = (point["cost"] for point in result["pareto"])
     assert one >= two >= three
+    # the sheet by hand, with the tolerances in four digits, at most 0.1 % tighter, that keep the limit
+    before, after = ((folder / name).read_text().splitlines() for name in ("wanted.yaml", "made/allocated.errors.yaml"))
+    changed = {tuple(pair) for pair in zip(before, after, strict=True) if pair[0] != pair[1]}
+    assert all("axis_install" in line or line.startswith("robot:") for line, _ in changed)
+    written = [float(radius) for _, line in changed for radius in re.findall(r"radius: (\d\.\d+) mm", line)]
+    assert len(written) == len(PATHS)
+    assert all(len(f"{value:.12g}".lstrip("0.")) <= 4 for value in written)
+    chosen = sorted(1e3 * one["after"] for one in result["tolerances"])
+    ratios = np.array(sorted(written)) / chosen
+    assert 0.999 < ratios.min() <= ratios.max() <= 1 + 1e-9
     assert len(ErrorModel.load(folder / "made/allocated.errors.yaml").poses) == len(result["poses"])
     refused("allocate", "wanted.yaml", "--pareto", "1")
     refused("allocate", "wanted.yaml", "--seconds", "0")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
-from cli.conftest import GANTRY, LONG
+from cli.conftest import GANTRY, GANTRY_SHEET, LONG
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.robot.examples import example_urdfs, shipped_sheets
 from precision_pin.robot.pose_set import PoseSet
@@ -327,6 +327,81 @@ NOTHING = {
     "a tolerance of zero": (TURNS.replace("0.02", "0"), "W_NOTHING_VARIES"),
     "what varies reaches nothing": (f"gravity: none\nsources:\n{SOFT}", "W_NOTHING_VARIES"),
 }
+SPECS = """specs:
+  - 5 mm @ 90 %
+  - {name: sideways, quantity: y, limit: 0.2 mm, probability: 99 %}
+  - {limit: 0.3 mrad, poses: [home]}
+  - AP 5 mm @ 90 %
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_limits_of_the_sheet_are_judged_as_those_of_spec(run, folder, name):
+    """The sheet's fitting limits give the result of the same as options; one of another pose is left out, and said."""
+    command, *options = [word for word in COMMANDS[name] if word != "--spec" and " mm @" not in word]
+    (folder / SHEET).write_text(GANTRY_SHEET + SPECS, encoding="utf-8")
+    limits = ["AP 5 mm @ 90 %"] if command == "iso9283" else ["5 mm @ 90 %", "y 0.2 mm @ 99 %"]
+    poses = () if command == "map" else ("--pose", "out")
+    asked = (command, SHEET, *options, *(("--q", "250 mm, 30 deg") if command == "map" else poses))
+    outcome = run(*asked, "--json", "own.json", code=None)
+    said = "the sheet's limit 0.3 mrad is not judged: it is for home alone"
+    assert (said in outcome.err) == (command != "iso9283")
+    given = [word for limit in limits for word in ("--spec", limit)]
+    other = run(*asked, *given, "--json", "given.json", code=None)
+    assert outcome.code == other.code
+    entries = [_spec_entries(json.loads((folder / file).read_text())) for file in ("own.json", "given.json")]
+    assert entries[0] == entries[1] != []
+    if command != "reliability":
+        run(*asked, "--spec", "none", "--json", "none.json", code=None)
+        assert _spec_entries(json.loads((folder / "none.json").read_text())) == []
+
+
+def test_limits_of_the_sheet_at_their_poses_in_python_and_wrong_ones(run, refused, folder):
+    (folder / SHEET).write_text(GANTRY_SHEET + SPECS, encoding="utf-8")
+    run("analyze", SHEET, *FEW, "--pose", "home", "--json", "home.json", code=None)
+    limits = [entry["limit"] for entry in json.loads((folder / "home.json").read_text())["spec"]]
+    assert limits == pytest.approx([5e-3, 0.2e-3, 0.3e-3])
+    assert pp.ErrorModel.load(folder / SHEET).specs == ("5 mm @ 90 %", "y 0.2 mm @ 99 %", "AP 5 mm @ 90 %")
+    assert "no specification is given" in refused("reliability", SHEET, "--spec", "none")
+    for wrong, says in (
+        ("{limit: 1 mm, poses: [nowhere]}", "no pose named 'nowhere'"),
+        ("{quantity: x}", "the key 'limit' is missing"),
+        ("{limit: 1 mm, probabilty: 9 %}", "did you mean 'probability'"),
+        ("5 parsec", "is not a unit of length or angle"),
+        ("positon 5 mm", "did you mean 'position"),
+    ):
+        (folder / SHEET).write_text(f"{GANTRY_SHEET}specs:\n  - {wrong}\n", encoding="utf-8")
+        line = refused("analyze", SHEET, *FEW)
+        assert says in line
+        assert line.startswith(f"{SHEET}:{GANTRY_SHEET.count(chr(10)) + 2}: error")
+    assert says in run("check", SHEET, code=2).out
+
+
+@pytest.mark.slow
+def test_limits_of_the_sheet_on_pages_and_in_an_allocation(run, folder):
+    entry = "{path: 'joint_offset[y_axis].offset.uniform', cost: {reciprocal: 1 mm}}"
+    text = f"{GANTRY_SHEET}specs: [0.3 mm @ 90 %]\nallocate: {{tolerances: [{entry}]}}\n"
+    (folder / SHEET).write_text(text, encoding="utf-8")
+    run("allocate", SHEET, "--json", "a.json")
+    (limit,) = json.loads((folder / "a.json").read_text())["specs"]
+    assert (limit["limit"], limit["met"]) == (pytest.approx(0.3e-3), True)
+    for command in ("report", "view"):
+        run(command, SHEET, "--samples", "500", "--out", "page.html")
+        assert "0.3" in (folder / "page.html").read_text("utf-8").replace("&nbsp;", " ")
+        run(
+            command,
+            SHEET,
+            "--samples",
+            "500",
+            "--set",
+            "joint_offset[y_axis].offset=±2 mm",
+            "--out",
+            "page.html",
+            code=1,
+        )
+
+
 REACHES = "sources:\n  - length: {frame: tool, parameters: PARAMETERS}\n"
 
 

@@ -3,6 +3,7 @@
 import csv
 import importlib.metadata
 import itertools
+import json
 import math
 import re
 
@@ -29,6 +30,19 @@ def test_check_of_what_is_good_and_of_a_urdf_without_sheet_and_tip(run, refused)
     # with a tip it looks at the chain too
     run("check", "forked.urdf", "--tip", "left")
     assert "no link named 'lfet'; did you mean 'left'?" in refused("check", "forked.urdf", "--tip", "lfet")
+
+
+def test_check_says_how_a_drawing_s_tolerance_was_read(run, folder):
+    lengths = ("+0.5/-0.1 mm", "{normal: H7, size: 50 mm}", "±0.2 mm")
+    entries = "".join(f"  - length: {{joint: joint{k}, parameters: {text}}}\n" for k, text in enumerate(lengths, 2))
+    text = f"precision-pin: 1\nrobot: 4dof.urdf\nposes: {{p: 0 0 0 0 deg}}\nsources:\n{entries}"
+    (folder / "drawn.errors.yaml").write_text(text, encoding="utf-8")
+    outcome = run("check", "drawn.errors.yaml", "--json")
+    notes = [note["message"] for note in json.loads(outcome.out)["notes"] if note["code"] == "N_LIMITS"]
+    assert notes == [
+        "length[joint2].parameters: +0.5/-0.1 mm: uniform within ±0.3 mm about 0.2 mm",
+        "length[joint3].parameters: H7 of 50 mm, +0.025/0 mm: normal, standard deviation 0.00416667 mm, mean 0.0125 mm",
+    ]
 
 
 def test_check_lists_every_finding_of_a_urdf_with_its_line_and_as_json(run, folder):

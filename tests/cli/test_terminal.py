@@ -56,7 +56,10 @@ def test_sentences_are_folded_and_rows_are_not(capsys):
 def test_a_script_without_a_terminal_is_told_of_compiling(capsys):
     with compilation() as show:
         show(0.5)
-    assert capsys.readouterr().err == "precision-pin: compiling the sampler, once on this machine: some 8 s\n"
+    assert (
+        capsys.readouterr().err
+        == "precision-pin: compiling the sampler for this kind of model, once on this machine: some 8 s\n"
+    )
 
 
 def test_a_terminal_has_whole_rows_of_tables_and_lines_of_its_width(printed):

@@ -348,6 +348,12 @@ def test_export_of_many_units_tells_time_and_size_first(run, folder, monkeypatch
     assert taken / 2 < float(number) * {"kB": 1e3, "MB": 1e6, "GB": 1e9}[unit] < 2 * taken
 
 
+def test_the_sheet_of_a_robot_alone_is_named(run):
+    outcome = run("analyze", "gantry.urdf", "--samples", "200")
+    assert outcome.err_lines[0] == "gantry.urdf: with the sheet beside it, gantry.errors.yaml"
+    assert "with the sheet" not in run("analyze", "gantry.urdf", "gantry.errors.yaml", "--samples", "200").err
+
+
 def test_export_refuses_what_the_disk_has_no_room_for(refused, monkeypatch):
     real = os.statvfs
     asked = ("export", "gantry.urdf", "--units", "100000", "--out", "deep/built")

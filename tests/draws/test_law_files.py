@@ -17,6 +17,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.units import LENGTH
 from precision_pin.draws import laws
 from precision_pin.draws.laws import LAWS, Law, laws_of_sheets
+from precision_pin.draws.laws.law import MEAN
 from precision_pin.kernel import sampler
 from precision_pin.pages.report.page import parameters
 from precision_pin.robot.examples import PAPER_SHEET
@@ -263,7 +264,8 @@ def test_the_example_of_a_form_is_read_with_each_option() -> None:
         assert parse_law("x", law.form.example, (LENGTH,)).draw.law.size >= 1
         for option in law.form.options:
             parse_law("x", {**law.form.example, option.key: option.example}, (LENGTH,))
-        assert law_options(key) == (*(option.key for option in law.form.options), "scope")
+        size = ("size",) if MEAN in law.form.options else ()
+        assert law_options(key) == (*(option.key for option in law.form.options), *size, "scope")
 
 
 NAMED = {

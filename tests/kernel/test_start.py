@@ -279,7 +279,7 @@ def test_compiling_begins_only_where_no_loops_are_kept(tmp_path: Path, monkeypat
 
 
 def test_python_says_that_something_is_compiled(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    line = "precision-pin: compiling the sampler, once on this machine: some 8 s\n"
+    line = "precision-pin: compiling the sampler for this kind of model, once on this machine: some 8 s\n"
     for name, quiet in (("a", nullcontext()), ("b", shown_by(silent))):
         with quiet:
             compile_jobs([Job("os", "mkdir", (str(tmp_path / name),), 1.0)])

@@ -212,7 +212,7 @@ def test_a_mimic_of_a_joint_on_the_chain_stands_still_and_says_so():
     assert chain.at([0.0]).findings == ()
     (finding,) = chain.at([0.5]).findings
     assert (finding.severity, finding.code) == ("warning", "W_MIMIC")
-    assert "joint k mimics j, so it would be at 1.1 here, but it is locked at 0.1" in finding.message
+    assert "joint k mimics j, so it would be at 63.0254 deg here, but it is locked at 5.72958 deg" in finding.message
     assert chain_of(text, tip="arm", locked={"k": 1.1}).at([0.5]).findings == ()
 
 

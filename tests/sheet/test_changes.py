@@ -247,7 +247,7 @@ def test_what_is_set_takes_the_place_of_what_was_measured(gantry_of, tmp_path):
         at = [changed.space.index[name] for name in names]
         return [*changed.space.mean[at], *np.sqrt(changed.space.block_covariance.variances[at])]
 
-    with pytest.warns(PrecisionPinWarning, match=r"W_SET_MEASURED.*slide 1e-05 ± 2e-05;") as said:
+    with pytest.warns(PrecisionPinWarning, match=r"W_SET_MEASURED.*slide 0.01 ± 0.02 mm;") as said:
         changed = model.with_({"parameters.slide": {"normal": {"std": "0.3 mm"}}})
     assert len(said) == 1
     assert numbers(changed) == pytest.approx([0, 0, 0.3e-3, turn])

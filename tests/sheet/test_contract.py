@@ -164,6 +164,9 @@ parameters:
   table: {empirical: {quantiles: [[0, 0.1 mm], [1, 0.2 mm]]}}
   sets: {rows: [[0.1 mm, 0.2 mm], [0.3 mm, 0.4 mm]]}
   taken: {rows: {file: gauge.csv, columns: [gap, shim]}}
+  drawn: +0.5/-0.1 mm
+  hole: {normal: H7, size: 50 mm, cpk: 1.33}
+specs: [0.5 mm @ 99 %, {limit: 1 mrad, quantity: rx, probability: 90 %, name: tilt, poses: []}]
 correlations:
   - {parameters: [a1, c], correlation: 0.5}
   - {parameters: [a3, a5], matrix: [[1, 0.5], [0.5, 1]]}
@@ -194,7 +197,7 @@ def tables(folder):
 @pytest.mark.usefixtures("tables")
 def test_the_schema_passes_what_the_reader_reads(load):
     sheet = load(WHOLE)
-    assert len(sheet.space.draws) == 12
+    assert len(sheet.space.draws) == 14
     assert len(sheet.space.correlations) == 2
     sockets = "{kind: socket, sockets: [0 0 1 mm], base: free, load: [{at: tool, mass: 1 kg}]}"
     seen = "{visible_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}"
@@ -253,7 +256,7 @@ def test_it_is_a_schema_with_every_kind_of_source_and_every_law():
     assert set(laws_of_sheets()) <= set(schema["$defs"]["law"]["properties"])
     assert set(schema["properties"]) == {
         "precision-pin", "robot", "tip", "base", "gravity", "statics", "locked", "poses", "parameters", "sources",
-        "correlations", "target", "calibrated", "allocate", "measurement", "provenance", "accept", "limits", "keep_out",
+        "correlations", "target", "calibrated", "allocate", "measurement", "provenance", "accept", "limits", "keep_out", "specs",
     }  # fmt: skip
     assert set(schema["required"]) == {"precision-pin", "robot"}
     assert schema["additionalProperties"] is False

@@ -285,6 +285,27 @@ def test_wrong_ones_get_one_line(refuse):
         assert finding.line == 8
 
 
+def test_numbers_in_messages_have_units(refuse):
+    beam = "beam: {link: link2, section: tube, material: aluminium, outer_diameter: 90 mm, WHAT}"
+    clearance = "clearance: {joint: joint2, diametral: ±0.1 mm, direction: load, span: 1 mm, band: 1 N}"
+    for source, says in (
+        # 8.6 σ of 0.2/3 mm below 0
+        (beam.replace("WHAT", "wall: {normal: 0.2 mm}"), "zero or negative (as low as -0.573333 mm); no mean is given"),
+        (beam.replace("WHAT", "wall: {normal: 0.2 mm, mean: 0.1 mm}"), "-0.473333 mm); narrow or truncate its law"),
+        (beam.replace("WHAT", "wall: 4 mm, E: -1 GPa"), "E of a beam must be positive, got -1 GPa"),
+        (clearance, "diametral of clearance[joint2] can become negative (as low as -0.1 mm); no mean is given"),
+        (clearance.replace("span: 1 mm", "span: -1 mm"), "the span of clearance must be positive, got -1 mm"),
+        (clearance.replace("band: 1 N", "band: -5 N"), "the band of clearance must be positive, got -5 N"),
+        (
+            "thermal: {expansion: 23 ppm/K, temperature_change: 5 K, time_constant: -2 h}",
+            "must be positive, got -7200 s",
+        ),
+        ("backlash: {joint: joint2, backlash: 1 arcmin, band: -1 N*m}", "must be positive, got -1 N*m or N"),
+    ):
+        (finding,) = refuse(with_sources(source))
+        assert says in finding.message
+
+
 REMARKS = [
     # numbers alone for errors
     ("joint_offset: {joint: joint1, offset: 0.02 deg}", "W_CONSTANT", "±0.02 deg"),

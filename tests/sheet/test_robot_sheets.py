@@ -224,7 +224,7 @@ def test_which_sheet_goes_with_an_example(tmp_path, monkeypatch, capsys):
     with monkeypatch.context() as patch:
         patch.setattr(inputs, "resolve_robot", lambda text: robot)
         assert inputs.find_inputs(["example:ur5"], sheet_needed=True) == inputs.Inputs(robot, beside)
-    assert capsys.readouterr().err == ""
+    assert capsys.readouterr().err == f"example:ur5: with the sheet beside it, {beside}\n"
     # a robot that comes with the package is named as an example, and a copy of its sheet comes first
     own = shipped_sheets()["ur5e"]
     assert inputs.find_inputs(["example:ur5e"], sheet_needed=True) == inputs.Inputs(own.with_name("ur5e.urdf"), own)

@@ -23,7 +23,7 @@ from precision_pin.base import csv_columns
 from precision_pin.base.errors import InputError, SheetError
 from precision_pin.draws.space import Extension, Space
 from precision_pin.sheet import read
-from precision_pin.sheet.text import read_text
+from precision_pin.sheet.text import edited_yaml, read_text, written_yaml
 
 HEAD = "precision-pin: 1\nrobot: 4dof.urdf\n"
 
@@ -399,3 +399,44 @@ def test_analyses_that_take_hours_are_refused_at_once(load):
         pp.budget(wide)
     with pytest.raises(InputError, match="a worst case of 10,001 random numbers"):
         pp.worst_case(wide)
+
+
+COMMENTED = """\
+# an arm, by hand
+precision-pin: 1   # the format
+robot: 4dof.urdf
+poses: {paper: -90 3 88 -91 deg}  # chain order
+
+parameters:
+    a1: {uniform: 0.05 mm}          # drawing 12
+    # of two values
+    a3: "±0.05 mm"
+    b: &b ±1 mm
+sources:
+- length: {joint: joint2, parameters: [a1, ±0.1 mm]}  # flow
+- length:
+    frame: tool
+    parameters: 1 ± 0.3 mm
+- length: {joint: joint3, parameters: *b}
+"""
+
+
+def test_an_edited_sheet_keeps_comments_order_and_style():
+    """Only the values that differ change, and new keys follow: compared with the same edits by hand."""
+    data = read_text(COMMENTED, "").data
+    data["parameters"] |= {"a1": {"uniform": "0.0127 mm"}, "a3": "±0.04 mm"}
+    data["sources"][0]["length"]["parameters"] = ["a1", {"normal": "0.2 mm", "k": "2"}]
+    data["sources"][1]["length"]["parameters"] = "1 ± 0.25 mm"
+    data |= {"robot": "../arm #2.urdf", "provenance": {"parameters.a1": {"measured": "12 robots"}}}
+    by_hand = COMMENTED
+    for old, new in (
+        ("{uniform: 0.05 mm} ", "{uniform: 0.0127 mm} "), ('"±0.05 mm"', "±0.04 mm"), ("1 ± 0.3 mm", "1 ± 0.25 mm"),
+        ("[a1, ±0.1 mm]", '[a1, {"normal": "0.2 mm", "k": "2"}]'), ("4dof.urdf", '"../arm #2.urdf"'),
+    ):  # fmt: skip
+        assert by_hand.count(old) == 1
+        by_hand = by_hand.replace(old, new)
+    assert edited_yaml(COMMENTED, data) == by_hand + "provenance:\n  parameters.a1:\n    measured: 12 robots\n"
+    # what stands below an anchor changes for one user of it only: written anew
+    data["parameters"]["b"] = "±2 mm"
+    assert read_text(edited_yaml(COMMENTED, data), "").data == data
+    assert written_yaml(data).startswith("precision-pin: 1\n")

@@ -90,7 +90,7 @@ SETTINGS = [
     ("encoder", HINGE | {"resolution": 1e-3, "scope": "unit"}, "scope: of encoder must be pose or visit, got 'unit'"),
     ("encoder", HINGE | {"amplitude": 1e-3, "period": 1e-3}, "period: is only for a prismatic joint"),
     ("encoder", HINGE | {"scale": 1e-6}, "scale: is only for a prismatic joint"),
-    ("joint_compliance", HINGE | {"compliance": Uniform(2e-5, mean=1e-5)}, r"can become negative \(as low as -1e-05"),
+    ("joint_compliance", HINGE | {"compliance": Uniform(2e-5, mean=1e-5)}, r"negative \(as low as -10 µrad/\(N·m\)\); narrow"),
     ("length", {"parameters": (1e-3,)}, "either joint: or frame:"),
     ("length", {"frame": "tool", "parameters": ()}, "at least one"),
     ("length", HINGE | {"parameters": (1e-3,)}, "the link has no length; give a direction"),

@@ -58,7 +58,6 @@ class Option(NamedTuple):
     metavar: str | None = None
     choices: tuple[str, ...] = ()
     is_repeated: bool = False
-    is_needed: bool = False
     is_of_table: bool = False
     check: str = ""
     group: str = ""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
-from typing import Any
+from typing import Any, Final
 
 from precision_pin.analyses.declaration import Declaration, load
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.extensions import Extension, find_extensions
 
 FOLDERS: list[str] = [
@@ -47,6 +49,30 @@ def _check(declaration: Any) -> str:
 def sheet_keys() -> dict[str, str]:
     """Return the keys of a sheet that analyses declare, with their descriptions."""
     return {key: text for declaration in declarations().values() for key, text in declaration.keys.items()}
+
+
+SPECIFICATIONS: Final = "precision_pin.statistics.plan:listed_specifications"
+"""Check of the shared option ``--spec``."""
+
+
+def fitting_specs(sheet: Any, check: str = SPECIFICATIONS) -> list[Any]:
+    """Return the limits of a sheet that pass the check of a command's ``--spec``; InputError for one that passes none."""
+    own = (option.check for one in declarations().values() for option in one.own_options if option.flag == "--spec")
+    checks = dict.fromkeys((check, SPECIFICATIONS, *own))
+    fitting = []
+    for k, spec in enumerate(sheet.specs):
+        errors: list[Finding] = []
+        for place in checks:
+            try:
+                load(place)(spec.text)
+                break
+            except InputError as error:
+                errors += error.findings
+        else:
+            line = None if sheet.contents is None else sheet.contents.text.line(("specs", k))
+            raise InputError([replace(errors[0], file=sheet.file, line=line)])
+        fitting += [spec] if place == check else []
+    return fitting
 
 
 def find_function(name: str) -> Any:

@@ -41,9 +41,10 @@ _PROGRAM: Final = (
 )  # fmt: skip
 
 
-COMPILING: Final = "compiling the sampler, once on this machine"
+COMPILING: Final = "compiling the sampler for this kind of model, once on this machine"
 COMPILING_NOTE: Final = f"{COMPILING}: some 8 s"
-"""Labels of the progress bar, and of the line where there is no bar; the time is that of three idle cores."""
+"""Labels of the progress bar, and of the line where there is no bar; the time is that of three idle cores. The exact and the
+linear model, with common laws only or rare ones too, are four kinds."""
 
 
 def _ignore(fraction: float) -> None:

@@ -12,13 +12,14 @@ import click
 from click.core import ParameterSource
 
 from precision_pin.analyses.declaration import OUTPUT, Asked, Declaration, Files, Job, Option, WrongUsageError, load
+from precision_pin.analyses.registry import SPECIFICATIONS
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import options as shared
 from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import Outputs, read_sheet, write_folder
 from precision_pin.cli.measurement import measurement_options, measurements_of
-from precision_pin.cli.options import check_workers, compile_sampler, progress_bar, worker_options, working
-from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_poses, reference_pose
+from precision_pin.cli.options import check_specs, check_workers, compile_sampler, progress_bar, worker_options, working
+from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_poses, reference_pose, specs_of
 from precision_pin.cli.terminal import ALL, echo_note, echo_result, echo_warning_lines, echo_warnings
 
 if TYPE_CHECKING:
@@ -42,7 +43,6 @@ _SHARED: Final[dict[str, shared.Decorator]] = {
     "messages": shared.together(shared.all_warnings_option, shared.quiet_option),
 }
 """Groups of options by the word that declares them."""
-_LISTED: Final = "precision_pin.statistics.plan:listed_specifications"
 
 
 def make_command(declaration: Declaration) -> click.Command:
@@ -74,7 +74,6 @@ def make_option(option: Option) -> shared.Decorator:
         is_flag=option.kind is bool,
         show_default=option.default is not None and option.is_default_shown,
         multiple=option.is_repeated,
-        required=option.is_needed,
         metavar=option.metavar,
         help=option.help,
         heading=option.group or (OUTPUT if option.is_of_table else shared.OWN),
@@ -94,6 +93,9 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
         partial(read_pose_set, first, options),
         partial(measurements_of, first, options),
     )
+    for argument, check in _spec_checks(declaration).items():
+        texts = specs_of(first, options, options[argument], check)
+        options[argument] = load(check)(texts) if argument == "specs" else texts
     for option in declaration.own_options:
         if option.is_pose:
             options[option.argument] = reference_pose(first, options[option.argument])
@@ -119,6 +121,12 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
     return 0 if job.is_met(result) else EXIT_SPEC
 
 
+def _spec_checks(declaration: Declaration) -> dict[str, str]:
+    """Return the checks of the option ``--spec`` by its argument."""
+    own = {option.argument: option.check for option in declaration.own_options if option.flag == "--spec"}
+    return own or ({"specs": SPECIFICATIONS} if "spec" in declaration.options else {})
+
+
 def echo_new_warnings(job: Job, result: Any) -> None:
     """Print the warnings of a result that are not among those of its inputs."""
     if job.findings is None:
@@ -128,13 +136,13 @@ def echo_new_warnings(job: Job, result: Any) -> None:
 
 
 def check_shared(options: dict[str, Any]) -> None:
-    """Reject wrong values of the shared options of a command before any input is read; parse the specifications."""
+    """Reject wrong values of the shared options of a command before any input is read."""
     from precision_pin.draws.space import check_seed
 
     if "seed" in options:
         check_seed(options["seed"])
     if "specs" in options:
-        options["specs"] = load(_LISTED)(options["specs"])
+        check_specs(options["specs"])
     if "grid" in options:
         check_poses(options)
     if "dask" in options:
@@ -145,7 +153,9 @@ def _check(declaration: Declaration, options: dict[str, Any]) -> tuple[Outputs, 
     """Reject wrong options and unwritable outputs before any work; return outputs, and each sheet's options by name."""
     check_shared(options)
     for option in declaration.own_options:
-        if option.check:
+        if option.flag == "--spec":
+            check_specs(options[option.argument], option.check)
+        elif option.check:
             load(option.check)(options[option.argument])
         if option.read is not None and options[option.argument] is not None:
             options[option.argument] = option.read(options[option.argument])

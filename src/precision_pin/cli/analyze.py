@@ -15,7 +15,7 @@ from precision_pin.cli.analyses import check_shared
 from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import Outputs, read_sheet, write_folder
 from precision_pin.cli.options import compile_sampler, progress_bar, worker_options, working
-from precision_pin.cli.poses import AskedPose, pose_files, read_poses, reference_pose
+from precision_pin.cli.poses import AskedPose, pose_files, read_poses, reference_pose, specs_of
 from precision_pin.cli.terminal import echo_note, echo_result, echo_warning_lines, echo_warnings
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
     from precision_pin.sampling import check_samples, monte_carlo
     from precision_pin.sampling.one_pose import relative
     from precision_pin.sampling.table import analysis_table
+    from precision_pin.statistics.plan import listed_specifications
     from precision_pin.statistics.precision import target
 
     samples = samples if samples is not None else 10**9 if until else 100_000
@@ -76,8 +77,6 @@ def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
     for text in until:
         target(text)
     check_shared(arm)
-    if arm["spec_everywhere"] and not arm["specs"]:
-        raise click.UsageError("--spec-everywhere needs a --spec")
     relative_to, out = arm["relative_to"], arm["out"]
     if relative_to is not None:
         at_one = {"--until": until, **{f"--{name}": arm[name] for name in ("processes", "dask", "journal")}}
@@ -93,6 +92,9 @@ def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
     )
     outputs.check(pose_files(arm))
     sheet = read_sheet(arm, outputs)
+    arm["specs"] = listed_specifications(specs_of(sheet, arm, arm["specs"]))
+    if arm["spec_everywhere"] and not arm["specs"]:
+        raise click.UsageError("--spec-everywhere needs a --spec")
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)
     error_model = ErrorModel.from_sheet(sheet)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from precision_pin.analyses.registry import declarations
+from precision_pin.analyses.registry import declarations, fitting_specs
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.cli.exit_codes import EXIT_INPUT
 from precision_pin.cli.inputs import find_inputs, read_inputs
@@ -73,7 +73,10 @@ def _findings(arm: Options) -> tuple[Finding, ...]:
     except InputError as error:
         return findings + error.findings
     note = None if sheet.contents is None else note_on_normal(sheet.contents.text, sheet.file)
-    return (*sheet.findings, *_pose_findings(sheet), *_key_findings(sheet), *([note] if note else ()))
+    drawn = [draw for draw in sheet.whole_space.draws if draw.limits]
+    limits = [f"{draw.name}: {draw.limits}: {draw.law.describe(draw.known_quantities)}" for draw in drawn]
+    notes = [*([note] if note else ()), *(Finding("note", "N_LIMITS", text, sheet.file) for text in limits)]
+    return (*sheet.findings, *_pose_findings(sheet), *_key_findings(sheet), *notes)
 
 
 def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
@@ -92,6 +95,10 @@ def _pose_findings(sheet: Sheet) -> tuple[Finding, ...]:
 
 def _key_findings(sheet: Sheet) -> Iterator[Finding]:
     """Yield what analyses find in the keys of the sheet that are theirs."""
+    try:
+        fitting_specs(sheet)
+    except InputError as error:
+        yield from error.findings
     stated = {} if sheet.contents is None else sheet.contents.text.data
     for declaration in declarations().values():
         if declaration.check_sheet and not stated.keys().isdisjoint(declaration.keys):

@@ -49,7 +49,7 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     """Return which argument is the robot and which the sheet; without arguments, the paper's.
 
     A robot alone goes with the sheet beside it, or the one of its name in the working folder, where ``init`` writes it,
-    or, as ``example:NAME``, with the shipped one; stderr reports all but the first.
+    or, as ``example:NAME``, with the shipped one; stderr says which.
     """
     if not arguments:
         return Inputs(None, shipped_sheets()[PAPER])
@@ -82,11 +82,11 @@ def beginning(path: Path, size: int = 2000) -> bytes:
 
 
 def find_sheet(name: str, robot: Path) -> tuple[Path | None, str]:
-    """Return the sheet for a robot given alone, None if there is none, and which it is unless that goes without saying."""
+    """Return the sheet for a robot given alone, None if there is none, and which it is."""
     beside, here = robot.with_suffix(".errors.yaml"), Path(starting_sheet(robot))
     if os.path.isfile(beside) and beside.parent != ROBOTS:
         is_other = os.path.isfile(here) and not here.samefile(beside)
-        return beside, f"beside it, {beside}, not {here} of this folder" if is_other else ""
+        return beside, f"beside it, {beside}" + (f", not {here} of this folder" if is_other else "")
     if os.path.isfile(here):
         return here, f"of this folder, {here}"
     shipped = shipped_sheet(name)

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import click
 
-from precision_pin.analyses.declaration import OUTPUT, POSES, ROBOT, SAMPLING
+from precision_pin.analyses.declaration import OUTPUT, POSES, ROBOT, SAMPLING, load
+from precision_pin.analyses.registry import SPECIFICATIONS
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli.streams import require_resources, say
@@ -151,7 +152,7 @@ beyond_limits_option: Final = pose_option(
     help="Judge also where poses are not reached, or joints outside their limits or too fast.",
 )
 spec_option: Final = together(
-    headed_option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit to judge; repeats."),
+    headed_option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit, else the sheet's."),
     beyond_limits_option,
 )
 target_option: Final = robot_option(
@@ -272,6 +273,16 @@ worker_options: Final = together(
     ),
     sampling_option("--resume", is_flag=True, help="Go on from the journal, if it is there."),
 )
+
+
+NO_SPECS: Final = ("none",)
+"""Value of ``--spec`` that judges nothing, whatever the sheet says."""
+
+
+def check_specs(texts: Sequence[str], check: str = SPECIFICATIONS) -> None:
+    """Reject a wrong ``--spec`` before any input is read."""
+    if tuple(texts) != NO_SPECS:
+        load(check)(texts)
 
 
 def check_workers(options: Options) -> None:

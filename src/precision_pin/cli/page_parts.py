@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from precision_pin.analyses.declaration import Asked, Declaration, Job, PagePart
-from precision_pin.analyses.registry import declarations
+from precision_pin.analyses.registry import declarations, fitting_specs
 from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import echo_new_warnings, make_option
 from precision_pin.cli.options import progress_bar
@@ -118,6 +118,8 @@ def _job(declaration: Declaration, sheet: Sheet, poses: Any, given: shared.Optio
     for option in declaration.own_options:
         value = option.initial
         values[option.argument] = value if option.read is None or value is None else option.read(value)
+        if option.flag == "--spec":
+            values[option.argument] = tuple(one.text for one in fitting_specs(sheet, option.check) if not one.poses)
     quiet = {"": replace(sheet, findings=())}
     asked = Asked(quiet, {**values, **given}, (), lambda: poses, lambda: poses, lambda: sheet.measurements)
     return declaration.prepare(asked)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+from precision_pin.analyses.registry import SPECIFICATIONS, fitting_specs
 from precision_pin.base.errors import Finding, InputError, UnknownNameError
 from precision_pin.cli.inputs import chosen_pose
-from precision_pin.cli.options import Options, progress_bar
+from precision_pin.cli.options import NO_SPECS, Options, progress_bar
 from precision_pin.cli.terminal import echo_note, echo_warnings
 
 if TYPE_CHECKING:
@@ -125,6 +126,19 @@ def _read_poses(sheet: Sheet, options: Options, most: int) -> AskedPoses:
         return AskedPoses(AskedPose(chosen_pose(sheet, None, q), "") for q in options["qs"])
     wanted = list(sheet.poses) if options["all_poses"] else options["pose_names"] or (None,)
     return AskedPoses(AskedPose(chosen_pose(sheet, name, None), name or next(iter(sheet.poses))) for name in wanted)
+
+
+def specs_of(sheet: Sheet, options: Options, texts: Sequence[str], check: str = SPECIFICATIONS) -> tuple[str, ...]:
+    """Return the limits to judge: those of ``--spec``, or else the sheet's that fit the command and all of its poses."""
+    if texts:
+        return () if tuple(texts) == NO_SPECS else tuple(texts)
+    others = any(map(options.get, ("qs", "trajectory", "grid")))
+    named = list(sheet.poses) if options.get("all_poses") else options.get("pose_names") or list(sheet.poses)[:1]
+    fitting = fitting_specs(sheet, check)
+    left_out = [spec for spec in fitting if spec.poses and (others or not {*named} <= {*spec.poses})]
+    for spec in left_out:
+        echo_note(f"the sheet's limit {spec.name or spec.text} is not judged: it is for {', '.join(spec.poses)} alone")
+    return tuple(spec.text for spec in fitting if spec not in left_out)
 
 
 def read_pose_set(sheet: Sheet, options: Options, most: int = MOST_ROWS) -> PoseSet:

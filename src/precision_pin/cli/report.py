@@ -17,7 +17,7 @@ from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import PageOutput, read_sheet
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.page_parts import part_files, part_options, read_parts
-from precision_pin.cli.poses import pose_files, read_poses
+from precision_pin.cli.poses import pose_files, read_poses, specs_of
 from precision_pin.cli.terminal import echo_note, echo_warning_lines
 
 if TYPE_CHECKING:
@@ -52,14 +52,16 @@ def command(samples: int, full: bool, **arm: Any) -> int:
     ROBOT may be example:NAME.
     """
     from precision_pin.sampling import check_samples
+    from precision_pin.statistics.plan import listed_specifications
 
     check_samples(samples)
     check_shared(arm)
-    seed, specifications = arm["seed"], arm["specs"]
+    seed = arm["seed"]
     target = PageOutput(arm["out"], "report.html")
     arm["tables"] = [*pose_files(arm), *part_files(arm)]
     target.check(arm["tables"])
     sheet = read_sheet(arm, target.outputs)
+    specifications = listed_specifications(specs_of(sheet, arm, arm["specs"]))
     asked = read_poses(sheet, {**arm, "pose_names": tuple(dict.fromkeys(arm["pose_names"]))}, MOST_POSES)
     if len(asked) > MOST_POSES:
         raise InputError(f"{len(asked)} poses; a report shows at most {MOST_POSES}; analyze takes any number")

@@ -18,7 +18,7 @@ from precision_pin.cli.exit_codes import EXIT_SPEC
 from precision_pin.cli.inputs import PageOutput, echo_findings, read_sheet
 from precision_pin.cli.options import compile_sampler, progress_bar
 from precision_pin.cli.page_parts import part_files, part_options, read_parts
-from precision_pin.cli.poses import AskedPose, pose_files, read_poses
+from precision_pin.cli.poses import AskedPose, pose_files, read_poses, specs_of
 from precision_pin.cli.terminal import echo_note
 
 if TYPE_CHECKING:
@@ -65,10 +65,10 @@ def command(
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.pages.view import MOST_POINTS, MOST_POSES, check_factor, limits_kept, page
     from precision_pin.sampling import check_samples
+    from precision_pin.statistics.plan import listed_specifications
 
     check_samples(samples)
     check_shared(arm)
-    specifications = arm["specs"]
     if samples > MOST_POINTS:
         raise InputError(f"--samples {samples} is more than a page can show; at most {MOST_POINTS}")
     if factor is not None:
@@ -86,6 +86,7 @@ def command(
         return read_sheet(arm, None if target is None else target.outputs)
 
     def page_of(sheet: Sheet) -> str:
+        specifications = listed_specifications(specs_of(sheet, arm, arm["specs"]))
         parts = read_parts(sheet, arm, layers=True, seed=arm["seed"])
         results = [(part, part.run()) for part in parts]
         layers = [layer for part, result in results for layer in part.layers(result, ErrorModel.from_sheet(sheet))]

@@ -54,6 +54,7 @@ class Draw:
         scope: Frequency of drawing.
         quantities: The quantity of each component, None if unknown; empty if all are. Not compared by ``==``.
         names: Names of the components; empty for the draw's name with the law's suffixes.
+        limits: The limits of a drawing's tolerance as read; else empty. Not compared by ``==``.
 
     Examples:
         >>> gap = pp.Draw("gap", pp.Uniform(0.1e-3), pp.Scope.VISIT)
@@ -66,6 +67,7 @@ class Draw:
     scope: Scope = Scope.UNIT
     quantities: tuple[Quantity | PerJoint | None, ...] = field(default=(), compare=False, repr=False)
     names: tuple[str, ...] = field(default=(), repr=False)
+    limits: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_text("the name of a draw", self.name)

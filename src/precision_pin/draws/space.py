@@ -20,11 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from precision_pin.base.arguments import check_items, check_memory, check_name, check_number, check_numbers, check_whole
 from precision_pin.base.arrays import Array, returns_read_only
 from precision_pin.base.errors import InputError
+from precision_pin.base.units import Quantity
 from precision_pin.draws import lazy_special, philox
 from precision_pin.draws.correlation import BlockCovariance, Correlation, check_correlations, covariance_of
 from precision_pin.draws.draw import MOST_POSES, MOST_VISITS, Draw, Scope, Setting, occasion
 from precision_pin.draws.expressions import Component, Expression, Value
 from precision_pin.draws.laws import JointNormal, Law
+from precision_pin.draws.laws.law import write_number
 
 _UNCHECKED: Final = 2**28
 """Bytes below which free memory is not checked: 256 MiB fit on any machine, and the check takes almost 1 ms."""
@@ -176,6 +178,12 @@ class Space:
             UnknownNameError: There is no such component.
         """
         return Component(check_name("parameter", name, self.index))
+
+    def quantity_and_mean(self, name: str) -> tuple[Quantity | None, float]:
+        """Return the quantity of a component, None if unknown, and its mean."""
+        draw = next(draw for draw in self.draws if name in draw.components)
+        k = draw.components.index(name)
+        return draw.known_quantities[k], float(draw.law.mean_vector[k])
 
     def sample(self, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
         """Return the components ``(d, count)`` of units ``first … first + count - 1``.
@@ -333,10 +341,12 @@ class LabelledSpace:
         value = self.value(field, setting)
         lowest, _ = self.interval(value)
         if lowest < 0 or (lowest == 0 and not zero):
-            what = "negative" if zero else "zero or negative"
-            raise InputError(
-                f"{field} of {self.label} can become {what} (as low as {lowest:.6g}); narrow or truncate its law"
-            )
+            reason = ""
+            if isinstance(value, Component):
+                quantity, mean = self.space.quantity_and_mean(value.name)
+                remedy = "narrow or truncate its law" if mean else "no mean is given; write mean: with the size"
+                reason = f" (as low as {write_number(lowest, quantity)}); {remedy}"
+            raise InputError(f"{field} of {self.label} can become {'negative' if zero else 'zero or negative'}{reason}")
         return value
 
     def interval(self, value: Value) -> tuple[float, float]:

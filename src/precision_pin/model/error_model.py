@@ -154,6 +154,11 @@ class ErrorModel:
         model.sheet, model.beyond_limits = sheet, sheet.beyond_limits
         return model
 
+    @property
+    def specs(self) -> tuple[str, ...]:
+        """Texts of the sheet's ``specs:`` for all poses, as the analyses take them."""
+        return () if self.sheet is None else tuple(spec.text for spec in self.sheet.specs if not spec.poses)
+
     def calibrated(self, estimates: Estimates) -> ErrorModel:
         """Return the calibrated arm: posterior means, and one joint draw of the remaining uncertainty.
 

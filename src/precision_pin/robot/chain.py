@@ -586,9 +586,11 @@ class Posture:
                 continue
             due = mimic.multiplier * values[mimic.joint] + mimic.offset
             if abs(due - values[joint.name]) > 1e-9:
+                scale, unit = (1e3, "mm") if joint.kind == "prismatic" else (180 / np.pi, "deg")
                 message = (
-                    f"joint {joint.name} mimics {mimic.joint}, so it would be at {due:.6g} here, but it is locked at "
-                    f"{values[joint.name]:.6g}, with the weight beyond it; lock it at another value if that matters"
+                    f"joint {joint.name} mimics {mimic.joint}, so it would be at {scale * due:.6g} {unit} here, but it is locked "
+                    f"at {scale * values[joint.name]:.6g} {unit}, with the weight beyond it; lock it at another value if that "
+                    "matters"
                 )
                 findings.append(Finding("warning", "W_MIMIC", message, file, joint.line))
         limited, limited_q = self.chain.limited(self.q[:, None])

@@ -17,6 +17,7 @@ from precision_pin.base import units
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest, some
 from precision_pin.base.files import UnreadableFileError, note_input, read_text_file
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Fixed
@@ -30,16 +31,16 @@ from precision_pin.sheet.measurement import Measurement, only_one, read_measurem
 from precision_pin.sheet.schema import (
     ASSUMED,
     PROVENANCE,
-    Context,
     Document,
     Findings,
+    SpecEntry,
     document_model,
     source_model,
     used_quantities,
 )
-from precision_pin.sheet.settings import NAME, NamedParameter, SettingError, parse_parameter, placed
+from precision_pin.sheet.settings import NAME, Context, NamedParameter, SettingError, parse_parameter, placed
 from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
-from precision_pin.sheet.text import Path, Text, read_text, written_yaml
+from precision_pin.sheet.text import Path, Text, edited_yaml, read_text, written_yaml
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, labels, load_posture, own_draws
 from precision_pin.terms.source import Source, setting_fields
@@ -66,6 +67,7 @@ class Sheet:
         unchanged: The sheet before any :meth:`with_changes`; ``None`` for a sheet without changes.
         beyond_limits: Whether verdicts are also given beyond the URDF's limits of joint values and speeds.
         accepted: Reasons for accepting warnings, by code.
+        specs: The limits to judge; their texts are checked where they are used.
     """
 
     file: str
@@ -84,6 +86,7 @@ class Sheet:
     unchanged: Sheet | None = None
     beyond_limits: bool = False
     accepted: Mapping[str, str] = field(default_factory=dict)
+    specs: tuple[SpecEntry, ...] = ()
 
     @property
     def measurement(self) -> Measurement | None:
@@ -111,6 +114,7 @@ class Contents:
         file: Name of the sheet in messages.
         folder: Base folder of file names.
         kinds, overrides: As for :func:`read`.
+        source: The text of the file, without changes; empty for a dictionary.
     """
 
     text: Text
@@ -118,14 +122,15 @@ class Contents:
     folder: FilePath
     kinds: tuple[type[Source], ...]
     overrides: Overrides
+    source: str = ""
 
     def written(self, folder: FilePath, **changed: Any) -> str:
-        """Return the sheet's text without comments, some keys changed, the robot's path relative to a folder."""
+        """Return the sheet's text with its comments, some keys changed, the robot's path relative to a folder."""
         data = {**self.text.data, **changed}
         file = self.folder / data["robot"]
         if file.is_file():
             data["robot"] = os.path.relpath(file, folder)
-        return written_yaml(data)
+        return edited_yaml(self.source, data) if self.source else written_yaml(data)
 
     def values_at(self, sheet: Sheet, path: str) -> dict[str, Any]:
         """Return the values that a path of :meth:`read_changed` names, as written, by their full paths."""
@@ -159,10 +164,11 @@ def read(
     """
     file = os.fspath(path)
     try:
-        text = read_text(read_text_file(file, LARGEST_FILE), file)
+        source = read_text_file(file, LARGEST_FILE)
+        text = read_text(source, file)
     except UnreadableFileError as error:
         raise SheetError([Finding("error", "E_FILE", f"the sheet {error.reason}", file)]) from None
-    contents = Contents(text, file, FilePath(file).parent, tuple(kinds), overrides or Overrides())
+    contents = Contents(text, file, FilePath(file).parent, tuple(kinds), overrides or Overrides(), source)
     return contents.read_changed(_read(contents), changes)
 
 
@@ -187,7 +193,8 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     if chain is None and arm_is_known:
         chain = read_chain(document, findings, overrides, folder)
     slides = {} if chain is None else dict(zip(chain.joint_names, map(bool, chain.prismatic), strict=True))
-    sources, by_source, invalid = _sources(document, findings, kinds, Context(parameters, slides, folder))
+    context = Context(parameters, slides, folder)
+    sources, by_source, invalid = _sources(document, findings, kinds, context, chain)
     draws = tuple(dict.fromkeys(parameter.draw for parameter in parameters.values()))
     space = correlated_space(draws, document.correlations, findings, unreadable)
     if chain is None:
@@ -217,6 +224,13 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
         for setting, origin in by_source.get(k, {}).items()
     }
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
+    specs = tuple(
+        one if isinstance(one, SpecEntry) else SpecEntry.model_validate({"limit": one}) for one in document.specs
+    )
+    for k, spec in enumerate(specs):
+        for name in spec.poses:
+            if name not in document.poses:
+                findings.take(("specs", k), UnknownNameError("pose", name, document.poses))
     for code, reason in document.accept.items():
         # buckling cannot be accepted
         if not re.fullmatch(r"(?!W_NO_REST$)W_[A-Z_]+", code) or not reason.strip():
@@ -232,6 +246,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
         file, chain, space, items, poses, document.statics, warnings,
         tuple(rank for rank, k in enumerate(sources) if k in assumed), approaches=approaches, contents=contents,
         estimates=estimates, measurements=tuple(measurements), origins=origins, accepted=document.accept,
+        specs=specs,
     )  # fmt: skip
 
 
@@ -247,11 +262,11 @@ def _estimates(
         estimates = read_estimates(data, calibrated)
         before = space if unchanged is None else unchanged.whole_space
         if edits := estimates.edited(before):
-            findings.warning(("calibrated",), _describe_edits(estimates, edits), "W_TEXT_MEASURED")
+            findings.warning(("calibrated",), _describe_edits(estimates, edits, space), "W_TEXT_MEASURED")
         if unchanged is not None and unchanged.estimates is not None and ("calibrated",) not in findings.text.changes:
             retained, overridden = estimates.without_changed(before, space)
             if overridden:
-                findings.warning(("calibrated",), _describe_overridden(estimates, overridden), "W_SET_MEASURED")
+                findings.warning(("calibrated",), _describe_overridden(estimates, overridden, space), "W_SET_MEASURED")
             if retained is None:
                 return None
             estimates = retained
@@ -260,24 +275,29 @@ def _estimates(
     return None
 
 
-def _describe_overridden(estimates: Estimates, names: Sequence[str]) -> str:
+def _describe_overridden(estimates: Estimates, names: Sequence[str], space: Space) -> str:
     std = np.sqrt(np.diag(estimates.covariance))
     rows = [(k, name) for k, name in enumerate(estimates.names) if name in names]
-    estimate_texts = [f"{name} {estimates.mean[k]:.3g} ± {std[k]:.2g}" for k, name in rows]
+    estimate_texts = [f"{name} {_mean_and_std(space, name, estimates.mean[k], std[k])}" for k, name in rows]
     return (
-        "set values replace values measured on this robot (mean ± std, SI): "
+        "set values replace values measured on this robot (mean ± std): "
         f"{some(estimate_texts, _MOST_NAMED, '; ')}; all other "
         "values stay as measured; --set calibrated=none uses the tolerances, which hold for other robots, for all values"
     )
 
 
-def _describe_edits(estimates: Estimates, edits: Mapping[str, tuple[float, float]]) -> str:
+def _mean_and_std(space: Space, name: str, mean: float, std: float) -> str:
+    unit = WrittenUnit.suiting(space.quantity_and_mean(name)[0], [mean, std])
+    return f"{mean * unit.per_si:.3g} ± {std * unit.per_si:.2g} {unit.name}"
+
+
+def _describe_edits(estimates: Estimates, edits: Mapping[str, tuple[float, float]], space: Space) -> str:
     changes = [
-        f"{name} {mean:.3g} ± {std:.2g}, then {estimates.stated[name][0]:.3g} ± {estimates.stated[name][1]:.2g}"
-        for name, (mean, std) in edits.items()
+        f"{name} {_mean_and_std(space, name, *edit)}, then {_mean_and_std(space, name, *estimates.stated[name])}"
+        for name, edit in edits.items()
     ]
     return (
-        "tolerances in the sheet differ from those of the calibration (mean ± std, SI): "
+        "tolerances in the sheet differ from those of the calibration (mean ± std): "
         f"{some(changes, _MOST_NAMED, '; ')}; the values measured on this robot remain in use; --set replaces them by a "
         "tolerance, calibrate --set calibrated=none repeats the fit with the new tolerances"
     )
@@ -336,7 +356,7 @@ def _parameters(
 
 
 def _sources(
-    document: Document, findings: Findings, kinds: Mapping[str, type[Source]], context: Context
+    document: Document, findings: Findings, kinds: Mapping[str, type[Source]], context: Context, chain: Chain | None
 ) -> tuple[dict[int, Source], dict[int, dict[str, Origin]], dict[Path, Mapping[str, Any]]]:
     """Return readable sources and the origins of their values by position, and the settings of the others by path."""
     sources: dict[int, Source] = {}
@@ -362,7 +382,9 @@ def _sources(
         meta_keys = {ASSUMED, PROVENANCE} - set(model.model_fields)
         settings = {key: value for key, value in settings.items() if key not in meta_keys}
         try:
-            valid = model.model_validate(settings, context=context)
+            # without the robot the sheet is refused, and no size is missing
+            size = 0.1 if chain is None else kinds[name].nominal_size(settings, chain)
+            valid = model.model_validate(settings, context=replace(context, size=size))
         except ValidationError as error:
             findings.take_validation(error, (*path, name), model)
             invalid[*path, name] = settings
@@ -630,7 +652,7 @@ def _values(sheet: Sheet) -> Iterator[tuple[str, str]]:
                 yield label, "present"
                 yield from _flat(label, next(iter(entry.values())))
         # the other keys do not change the error
-        elif key in Document.model_fields and key != "measurement":
+        elif key in Document.model_fields and key not in ("measurement", "specs"):
             yield from _flat(key, value)
 
 

@@ -30,15 +30,15 @@ from precision_pin import sheet_keys
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
 from precision_pin.base.units import PerEntry, PerJoint, Quantity, parse_vector
 from precision_pin.draws.laws import Law, laws_of_sheets
+from precision_pin.sheet.drawing_tolerances import is_tolerance
 from precision_pin.sheet.measurement import MeasurementEntry
 from precision_pin.sheet.settings import (
     NAME,
-    TOLERANCE_PATTERN,
-    NamedParameter,
+    SIZE,
     SettingError,
+    as_law,
     parse_number,
     parse_setting,
-    tolerance_law,
 )
 from precision_pin.sheet.text import Path, Text
 from precision_pin.sources import catalogue
@@ -61,21 +61,6 @@ _Measurements = Annotated[
 ]
 
 
-@dataclass(frozen=True)
-class Context:
-    """Context for validating a source's settings.
-
-    Attributes:
-        named: The sheet's parameters, by the names of their components.
-        prismatic: Whether each joint is prismatic, by name.
-        folder: Base folder of file names.
-    """
-
-    named: Mapping[str, NamedParameter]
-    prismatic: Mapping[str, bool]
-    folder: FilePath
-
-
 class KeepOutEntry(BaseModel):
     """A half space or a box that no moving link may enter."""
 
@@ -84,6 +69,29 @@ class KeepOutEntry(BaseModel):
     plane: str | None = Field(None, description="Normal of a plane, towards the allowed side, such as '0 0 1'.")
     box: str | None = Field(None, description="Edges of a box along the base axes, such as '800 600 40 mm'.")
     at: str = Field("0 0 0 mm", description="A point of the plane, or the centre of the box, in base axes.")
+
+
+class SpecEntry(BaseModel):
+    """A limit to judge, as ``--spec`` takes it, in parts."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    limit: str = Field(description="The limit, such as '0.5 mm' or '1 mrad'.")
+    quantity: str = Field("", description="What is limited, such as x, rx or RP (default: position or attitude).")
+    probability: str = Field("", description="Share of the robots to be inside, such as '99 %' (default: 95 %).")
+    name: str = Field("", description="Name in messages (default: the text of the limit).")
+    poses: list[str] = Field(default_factory=list, description="The only poses at which it is judged (default: all).")
+
+    @property
+    def text(self) -> str:
+        """The limit as ``--spec`` takes it."""
+        return f"{self.quantity} {self.limit}{self.probability and f' @ {self.probability}'}".strip()
+
+
+_Spec = Annotated[
+    Annotated[SpecEntry, Tag("parts")] | Annotated[str, Tag("text")],
+    Discriminator(lambda value: "text" if isinstance(value, str) else "parts"),
+]
 
 
 class Document(BaseModel):
@@ -123,6 +131,10 @@ class Document(BaseModel):
         default_factory=list, description="Correlations of parameters, given for their normal scores."
     )
     sources: list[Any] = Field(default_factory=list, description="Error sources, each under its kind.")
+    specs: list[_Spec] = Field(
+        default_factory=list,
+        description="Limits to judge where --spec is not given: as --spec takes them, or their parts by key.",
+    )
     calibrated: str | None = Field(
         None,
         description="JSON of calibrate, relative to the sheet, whose estimates replace tolerances; or none.",
@@ -181,7 +193,7 @@ def json_schema(kinds: Mapping[str, type[Source]] | None = None) -> dict[str, An
     # other YAML readers read the version as a number
     schema["properties"]["precision-pin"] |= {"const": 1, "type": "integer"}
     schema["properties"]["sources"]["items"] = {"oneOf": choices}
-    tolerance = {"type": "string", "pattern": TOLERANCE_PATTERN}
+    tolerance = {"type": "string", "pattern": r"±|\+|/ ?-|^-|ISO 2768|\b[A-Za-z]{1,2}\d"}
     schema["properties"]["parameters"]["additionalProperties"] = {"anyOf": [{"$ref": "#/$defs/law"}, tolerance]}
     schema["properties"]["correlations"]["items"] = _correlation_schema()
     schema["$defs"] = definitions
@@ -266,7 +278,7 @@ def stated_numbers(kind: type, settings: Mapping[str, Any]) -> dict[str, StatedN
             if entry.part is not None and isinstance(value, dict):
                 numbers |= {f"{path}.{below}": item for below, item in stated_numbers(entry.part, value).items()}
             elif quantities and value not in (None, []):
-                is_law = isinstance(value, dict) or tolerance_law(value) is not None
+                is_law = as_law(value) is not None
                 is_name = isinstance(value, str) and NAME.fullmatch(value.strip()) is not None
                 units = frozenset(unit for quantity in quantities for unit in quantity.units)
                 numbers[path] = StatedNumber(units, entry.may_be_random and (is_law or is_name))
@@ -314,7 +326,7 @@ def _read_file(value: object, info: ValidationInfo[Any]) -> FilePath:
 
 def _setting(value: object, notes: Notes, info: ValidationInfo[Any], below: Path = ()) -> object:
     try:
-        return parse_setting(value, _quantities(notes, info), info.context.named, info.context.folder)
+        return parse_setting(value, _quantities(notes, info), info.context)
     except InputError as error:
         raise SettingReason(error, below) from None
 
@@ -322,7 +334,7 @@ def _setting(value: object, notes: Notes, info: ValidationInfo[Any], below: Path
 def _settings(value: object, notes: Notes, info: ValidationInfo[Any]) -> tuple[object, ...]:
     if isinstance(value, list):
         return tuple(_setting(entry, notes, info, (k,)) for k, entry in enumerate(value))
-    if isinstance(value, str) and len(value.split()) > 2 and tolerance_law(value) is None:
+    if isinstance(value, str) and len(value.split()) > 2 and not is_tolerance(value):
         return tuple(parse_vector(value, *_quantities(notes, info)))
     return (_setting(value, notes, info),)
 
@@ -374,7 +386,7 @@ def _quantity_schema(notes: Notes) -> dict[str, Any]:
 def _setting_schema(notes: Notes) -> dict[str, Any]:
     text = {
         "type": "string",
-        "description": f"a number and one of: {_units(notes)}; ± before it: a tolerance; or a parameter's name",
+        "description": f"a number and one of: {_units(notes)}; ± before it or +0.5/-0.1: a tolerance; or a parameter's name",
     }
     return {"anyOf": [text, _LAW]}
 
@@ -397,7 +409,7 @@ def _numbers_schema(notes: Notes, levels: int) -> dict[str, Any]:
 def _law_schema() -> dict[str, Any]:
     forms = [law.form for law in laws_of_sheets().values()]
     meanings: dict[str, dict[str, None]] = {}
-    for option in (option for form in forms for option in form.options):
+    for option in (SIZE, *(option for form in forms for option in form.options)):
         meanings.setdefault(option.key, {})[option.meaning] = None
     properties: dict[str, Any] = {form.key: dict(form.schema) for form in forms}
     properties |= {key: {"description": "; ".join(meaning)} for key, meaning in meanings.items()}

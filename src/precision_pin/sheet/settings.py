@@ -14,6 +14,8 @@ from precision_pin.base.errors import InputError, UnitError, UnknownNameError, n
 from precision_pin.base.units import Quantity
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import laws_of_sheets
+from precision_pin.draws.laws.law import MEAN, LawOption
+from precision_pin.sheet.drawing_tolerances import is_bare_number, is_tolerance, read_tolerance
 from precision_pin.sheet.text import Path
 
 
@@ -141,9 +143,6 @@ class LawReader:
 
 NAME: Final = re.compile(r"[^\W\d][\w.\[\]#-]*")
 """Name of a parameter: no leading digit, as numbers have, and no spaces or signs; brackets occur in names of draws."""
-TOLERANCE_PATTERN: Final = r"±|\+/-|\+-"
-"""The sign in a tolerance: after a mean or nothing, before the half-width."""
-
 _HERE: Final = FilePath()
 """The current folder, the default base of file names."""
 
@@ -156,26 +155,44 @@ class NamedParameter:
     quantities: tuple[Quantity, ...]
 
 
+@dataclass(frozen=True)
+class Context:
+    """Context for validating a source's settings.
+
+    Attributes:
+        named: The sheet's parameters, by the names of their components.
+        prismatic: Whether each joint is prismatic, by name.
+        folder: Base folder of file names.
+        size: Nominal size of the source's deviations, m; None if unknown.
+    """
+
+    named: Mapping[str, NamedParameter]
+    prismatic: Mapping[str, bool]
+    folder: FilePath
+    size: float | None = None
+
+
 def parse_number(value: object, quantities: Sequence[Quantity]) -> float:
     """Return a quantity in SI; laws are rejected."""
-    if isinstance(value, Mapping) or tolerance_law(value) is not None:
+    if isinstance(value, Mapping) or is_tolerance(value):
         raise InputError("expected a plain quantity, not a law or a tolerance")
     return units.parse(value, *quantities)
 
 
-def parse_setting(
-    value: object, quantities: Sequence[Quantity], parameters: Mapping[str, NamedParameter], folder: FilePath
-) -> Setting:
+def parse_setting(value: object, quantities: Sequence[Quantity], context: Context) -> Setting:
     """Return a setting: a number in SI, an unnamed draw, or a parameter's name."""
-    law = value if isinstance(value, Mapping) else tolerance_law(value)
+    parameters = context.named
+    law = None if isinstance(value, str) and value.strip() in parameters else as_law(value)
     if law is not None:
-        parameter = parse_law("", law, quantities, folder)
+        parameter = parse_law("", law, quantities, context.folder, context.size)
         if parameter.draw.law.size != 1:
             raise InputError("a law of several numbers must be named under parameters: and used by component")
         return parameter.draw
     if isinstance(value, str) and NAME.fullmatch(value.strip()):
         name = value.strip()
         if name not in parameters:
+            if name[0].isupper() and is_tolerance(name, is_in_law=True):
+                raise InputError(f"there is no parameter {name}; the class of ISO 286 is written '50 mm {name}'")
             raise UnknownNameError("parameter", name, parameters)
         if not set(parameters[name].quantities) & set(quantities):
             expected = " or ".join(quantity.name for quantity in quantities)
@@ -185,38 +202,21 @@ def parse_setting(
     try:
         return units.parse(value, *quantities)
     except UnitError as error:
-        if not _is_bare_number(value):
+        if not is_bare_number(value):
             raise
         message = error.findings[0].message
         more = f"with a unit it is a constant, the same in every robot; with ±, as '±{value} UNIT', it is a tolerance"
         raise UnitError(f"{message}; {more}") from None
 
 
-def _is_bare_number(value: object) -> bool:
-    try:
-        return not units.split(value)[1]
-    except UnitError:
-        return False
-
-
-def tolerance_law(value: object) -> dict[str, str] | None:
-    """Return the uniform law of a tolerance such as ``±0.02 deg`` or ``1 ± 0.05 kg``; ``None`` for anything else."""
-    if not isinstance(value, str):
-        return None
-    sign = re.search(TOLERANCE_PATTERN, value)
-    if sign is None:
-        return None
-    mean, half_width = value[: sign.start()].strip(), value[sign.end() :].strip()
-    if not mean:
-        return {"uniform": half_width}
-    if _is_bare_number(mean):
-        mean = f"{mean} {units.split(half_width)[1]}"
-    return {"uniform": half_width, "mean": mean}
+def as_law(value: object) -> Mapping[str, Any] | None:
+    """Return a law as a mapping, a tolerance such as ``±0.02 deg`` as a uniform one; ``None`` for anything else."""
+    return value if isinstance(value, Mapping) else {"uniform": value} if is_tolerance(value) else None
 
 
 def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], folder: FilePath) -> NamedParameter:
     """Return a named parameter: a law, or a tolerance as text."""
-    law = value if isinstance(value, Mapping) else tolerance_law(value)
+    law = as_law(value)
     if law is None:
         raise InputError(
             "expected a law, such as {uniform: 0.1 mm}, or a tolerance, such as ±0.1 mm; write a number that does not vary as "
@@ -226,9 +226,16 @@ def parse_parameter(name: str, value: object, quantities: Sequence[Quantity], fo
 
 
 def parse_law(
-    name: str, value: Mapping[str, Any], quantities: Sequence[Quantity], folder: FilePath = _HERE
+    name: str,
+    value: Mapping[str, Any],
+    quantities: Sequence[Quantity],
+    folder: FilePath = _HERE,
+    size: float | None = None,
 ) -> NamedParameter:
-    """Return the draw of a law written as a mapping with one law key; file names are relative to the folder."""
+    """Return the draw of a law written as a mapping with one law key; file names are relative to the folder.
+
+    ``size`` is the nominal size, m, for a class of ISO 286 or ISO 2768 without one.
+    """
     laws = laws_of_sheets()
     law_keys = [key for key in value if key in laws]
     if len(law_keys) != 1:
@@ -245,15 +252,42 @@ def parse_law(
             comma = f"{value[key]},{other}" if value[other] in (None, "") else ""
             hint = units.comma_hint(comma) or f": {nearest(other, options)}"
             raise SettingError((other,), f"{other!r} is no setting of the law {key}{hint}")
+    value, limits = _with_limits(key, value, quantities, size)
     reader = LawReader(value, tuple(quantities), folder)
     scope = reader.scope()
     law = laws[key].from_sheet(reader)
     draw_quantities = (reader.quantities[0].written_in(reader.unit),) * law.size if len(reader.quantities) == 1 else ()
-    return NamedParameter(Draw(name, law, scope, draw_quantities), reader.quantities)
+    return NamedParameter(Draw(name, law, scope, draw_quantities, limits=limits), reader.quantities)
+
+
+def _with_limits(
+    key: str, value: Mapping[str, Any], quantities: Sequence[Quantity], size: float | None
+) -> tuple[Mapping[str, Any], str]:
+    """Return a law with the tolerance of a drawing replaced by half-width and mean; and its limits, or an empty text."""
+    text = value[key]
+    if not is_tolerance(text, is_in_law=True) or MEAN not in laws_of_sheets()[key].form.options:
+        if SIZE.key in value:
+            raise SettingError(
+                (SIZE.key,), f"size is that of a class, as in {{uniform: H7, size: 50 mm}}; {text!r} is none"
+            )
+        return value, ""
+    with placed(SIZE.key):
+        stated_size = units.parse(value[SIZE.key], units.LENGTH) if SIZE.key in value else None
+    with placed(key):
+        tolerance = read_tolerance(text, quantities, stated_size, size)
+    mean = {"mean": tolerance.mean} if tolerance.mean else {}
+    if mean and "mean" in value:
+        raise SettingError(("mean",), f"{text!r} gives the mean, {tolerance.mean}; a nominal size stands before it")
+    others = {option: entry for option, entry in value.items() if option != SIZE.key}
+    return others | {key: tolerance.half_width} | mean, tolerance.limits
+
+
+SIZE: Final = LawOption("size", "nominal size of a class of ISO 286 or 2768; of an angle its shorter side", "50 mm")
+"""Option of every law that is symmetric about its mean."""
 
 
 def law_options(*keys: str) -> tuple[str, ...]:
-    """Return the further keys of laws (default: of all laws), including ``scope``."""
+    """Return the further keys of laws (default: of all laws), including ``size`` and ``scope``."""
     laws = laws_of_sheets()
-    option_keys = [option.key for key in keys or laws for option in laws[key].form.options]
-    return (*dict.fromkeys(option_keys), "scope")
+    options = [option for key in keys or laws for option in laws[key].form.options]
+    return (*dict.fromkeys(option.key for option in options), *([SIZE.key] if MEAN in options else []), "scope")

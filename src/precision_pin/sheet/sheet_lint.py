@@ -13,6 +13,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
+from precision_pin.draws.laws.law import write_number
 from precision_pin.draws.space import LabelledSpace, Space
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.urdf import Joint
@@ -23,6 +24,8 @@ from precision_pin.terms.source import Source
 
 FEW: Final = 30
 """Measured samples below which their spread gets a warning: with 30 the true σ may still be 1.3 times that of the samples."""
+_NOMINAL: Final = 20.0
+"""Standard deviations of a tolerance from its mean to 0 beyond which the mean is taken for a nominal size."""
 _CONFIDENCE: Final = 0.95
 """Confidence of the factor in that warning, as of the intervals of results."""
 
@@ -54,6 +57,7 @@ def remark_on_sources(
         message = "no source varies: all robots have the same error, and no specification can be judged"
         findings.warning(("sources",), message, "W_NOTHING_VARIES")
     _remark_on_constants(document, sources, findings)
+    _remark_on_sizes(sources, source_draws, findings)
     _remark_on_angles(document, sources, findings)
 
 
@@ -72,6 +76,19 @@ def _remark_on_constants(document: Document, sources: Mapping[int, Source], find
             f"is {{uniform: {size}}}), an intended constant as {{fixed: {text}}}"
         )
         findings.warning(path, message, "W_CONSTANT")
+
+
+def _remark_on_sizes(sources: Mapping[int, Source], draws: Sequence[tuple[Path, Draw]], findings: Findings) -> None:
+    """Warn of a nominal size in the text of a deviation from it."""
+    for path, draw in draws:
+        key = draw.name.rpartition(".")[2].partition("[")[0]
+        mean, variance = float(draw.law.mean_vector[0]), float(draw.law.covariance[0, 0])
+        if draw.limits and key in sources[int(path[1])].deviations and abs(mean) > _NOMINAL * math.sqrt(variance):
+            message = (
+                f"{key}: {draw.limits} is a mean error of {write_number(mean, draw.known_quantities[0])}, the same in every "
+                "robot; a deviation is written without the nominal size, as +0.5/-0.1 mm"
+            )
+            findings.warning((*path, key), message, "W_CONSTANT")
 
 
 def _remark_on_angles(document: Document, sources: Mapping[int, Source], findings: Findings) -> None:

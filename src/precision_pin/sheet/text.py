@@ -6,8 +6,10 @@ Every scalar remains text, so that YAML converts none of ``1e-4``, ``on`` and ``
 from __future__ import annotations
 
 import io
+import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import Any, Final
@@ -37,8 +39,40 @@ def written_yaml(data: Mapping[str, Any]) -> str:
     writer = YAML()
     writer.width = 120
     text = io.StringIO()
-    writer.dump(data, text)
+    writer.dump({**data, **({"precision-pin": 1} if "precision-pin" in data else {})}, text)
     return text.getvalue()
+
+
+def edited_yaml(source: str, data: Mapping[str, Any]) -> str:
+    """Return the text of a sheet with other data: its values replaced where they differ, its comments and order kept.
+
+    New keys of the top follow at the end. Where that is not the data, as below an anchor, all is written anew.
+    """
+    from ruamel.yaml import YAML
+
+    before = read_text(source, "").data
+    text = source.removesuffix("\n") + "\n"
+    for start, end, value in sorted(_edits(YAML().compose(source), before, data), reverse=True):
+        text = text[:start] + value + text[end:]
+    added = {key: value for key, value in data.items() if key not in before}
+    text += written_yaml(added) if added else ""
+    with suppress(SheetError):
+        if read_text(text, "").data == data:
+            return text
+    return written_yaml(data)
+
+
+def _edits(node: Any, before: Any, after: Any) -> Iterator[tuple[int, int, str]]:
+    """Yield begin, end and new text of each value below a node that differs."""
+    if isinstance(before, dict) and isinstance(after, dict):
+        for key, value in node.value:
+            yield from _edits(value, before[key.value], after.get(key.value))
+    elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        for entry in zip(node.value, before, after, strict=True):
+            yield from _edits(*entry)
+    elif before != after:
+        is_plain = isinstance(after, str) and re.fullmatch(r"[\w±][\w ±+./*^()%°·-]*", after)
+        yield node.start_mark.index, node.end_mark.index, after if is_plain else json.dumps(after, ensure_ascii=False)
 
 
 @dataclass(frozen=True)

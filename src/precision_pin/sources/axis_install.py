@@ -55,7 +55,7 @@ class AxisInstall(Source):
         if not (self.radius or self.diameter or 0.0) >= 0:
             raise InputError("the radius or diameter of axis_install must not be negative")
         if not self.span > 0:
-            raise InputError(f"the span of axis_install must be positive, got {self.span} m")
+            raise InputError(f"the span of axis_install must be positive, got {self.setting_text('span')}")
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the two points A and B."""

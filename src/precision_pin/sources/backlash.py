@@ -59,7 +59,7 @@ class Backlash(Source):
 
     def __post_init__(self) -> None:
         if not 0 < self.band < np.inf:
-            raise InputError(f"the band of backlash must be positive, got {self.band}")
+            raise InputError(f"the band of backlash must be positive, got {self.setting_text('band')}")
         allowed = [scope.value for scope in Scope]
         if self.scope not in allowed:
             raise InputError(f"scope of backlash must be one of {', '.join(allowed)}, got {self.scope!r}")

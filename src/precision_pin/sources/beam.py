@@ -140,7 +140,7 @@ class Beam(Profile, OnLink):
         check_choice("supports of beam", self.supports or "start", ("start", "both"))
         check_choice("pads_on of beam", self.pads_on, ("child", "parent"))
         if self.span is not None and not self.span > 0:
-            raise InputError(f"the span of beam must be positive, got {self.span} m")
+            raise InputError(f"the span of beam must be positive, got {self.setting_text('span')}")
         if self.supports == "both" and (self.span is None or self.segments):
             raise InputError("supports: both of beam needs span:, the distance of the two supports, and no segments:")
         if end_stiffnesses and (self.section is not None or self.segments):
@@ -153,7 +153,7 @@ class Beam(Profile, OnLink):
         for name in end_stiffnesses:
             value = getattr(self, name)
             if isinstance(value, float | int) and not value > 0:
-                raise InputError(f"{name} of a beam must be positive, got {value}")
+                raise InputError(f"{name} of a beam must be positive, got {self.setting_text(name)}")
         for part in stretches(self, self.segments):
             part.check(may_be_rigid=bool(end_stiffnesses), weighs=self.self_weight == "section")
 

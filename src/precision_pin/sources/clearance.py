@@ -94,7 +94,7 @@ class Clearance(Source):
         if not isinstance(self.diametral, tuple) or len(self.diametral) not in (1, 2):
             raise InputError("clearance needs one or two diametral: clearances, of both bearings or of A and of B")
         if not 0 < self.span < np.inf:
-            raise InputError(f"the span of clearance must be positive, got {self.span} m")
+            raise InputError(f"the span of clearance must be positive, got {self.setting_text('span')}")
         for name, allowed in (
             ("direction", ("load", "random")),
             ("law", ("circle", "disc")),
@@ -110,7 +110,7 @@ class Clearance(Source):
         if self.direction == "random" and self.band is not None:
             raise InputError("band: of clearance is used only with direction: load")
         if self.band is not None and not 0 < self.band < np.inf:
-            raise InputError(f"the band of clearance must be positive, got {self.band} N")
+            raise InputError(f"the band of clearance must be positive, got {self.setting_text('band')}")
 
     @property
     def depends_on(self) -> Dependence:

@@ -95,11 +95,11 @@ class Encoder(Source):
         if (self.eccentricity is None) != (self.radius is None):
             raise InputError("encoder needs both of eccentricity: and radius:")
         if self.resolution is not None and not 0 <= self.resolution < math.inf:
-            raise InputError(f"the resolution of encoder must be zero or more, got {self.resolution}")
+            raise InputError(f"the resolution of encoder must be zero or more, got {self.setting_text('resolution')}")
         for name in ("radius", "ratio", "period"):
             value = getattr(self, name)
             if value is not None and not 0 < value < math.inf:
-                raise InputError(f"the {name} of encoder must be positive, got {value}")
+                raise InputError(f"the {name} of encoder must be positive, got {self.setting_text(name)}")
         if self.order != int(self.order) or self.order < 1:
             raise InputError(f"the order of encoder must be 1, 2, 3, …, got {self.order}")
         if self.eccentricity is not None and self.order != 1:

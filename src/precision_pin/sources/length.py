@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from precision_pin.base import se3, units
 from precision_pin.sources.places import direction_of, is_fixed
-from precision_pin.terms import Chain, Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term
+from precision_pin.terms import Array, Chain, Dependence, InputError, LabelledSpace, Posture, Setting, Source, Term
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +56,20 @@ class Length(Source):
         if not self.parameters:
             raise InputError("length needs at least one of parameters:")
 
+    @classmethod
+    def nominal_size(cls, settings: Mapping[str, Any], chain: Chain) -> float | None:
+        """Return the distance along the direction if it is the same at every pose."""
+        try:
+            place = {name: settings[name] for name in ("joint", "frame", "along") if name in settings}
+            source = cls(**place, parameters=(0.0,))
+            if not source.is_alike_everywhere(chain):
+                return None
+            posture, link = chain.at(np.zeros(len(chain.joints))), source._link(chain)
+            vector = posture.link_poses[link][:3, :3] @ chain.end(link).frame[:3, 3]
+            return abs(float(source._direction(posture) @ vector))
+        except InputError:
+            return None  # reported where the source is used
+
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the direction is fixed in the link."""
         return self.along == "link" or is_fixed(self.along, chain, self._link(chain))
@@ -63,21 +77,22 @@ class Length(Source):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term for each parameter."""
         chain = posture.chain
-        link = self._link(chain)
-        place = chain.end(link)
-        if self.along == "link":
-            vector = place.frame[:3, 3]
-            length = float(np.linalg.norm(vector))
-            if length == 0:
-                raise InputError(f"{self.label()}: the link has no length; give a direction with along:")
-            direction = se3.turn(posture.link_poses[link][:3, :3], vector) / length
-        else:
-            direction = direction_of(self.along, posture)
+        place = chain.end(self._link(chain))
         to_place = posture.place_pose(place)[:3, :3].swapaxes(0, 1)
         twist = np.zeros((6, *posture.q.shape[1:]))
-        twist[:3] = se3.turn(to_place, direction)
+        twist[:3] = se3.turn(to_place, self._direction(posture))
         for value in space.values("parameters", self.parameters):
             yield Term.of(place, twist, value)
+
+    def _direction(self, posture: Posture) -> Array:
+        if self.along != "link":
+            return direction_of(self.along, posture)
+        link = self._link(posture.chain)
+        vector = posture.chain.end(link).frame[:3, 3]
+        length = float(np.linalg.norm(vector))
+        if length == 0:
+            raise InputError(f"{self.label()}: the link has no length; give a direction with along:")
+        return se3.turn(posture.link_poses[link][:3, :3], vector) / length
 
     def _link(self, chain: Chain) -> int:
         if self.joint is not None:

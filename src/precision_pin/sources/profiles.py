@@ -16,6 +16,7 @@ from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.draw import Setting
 from precision_pin.draws.expressions import Value
 from precision_pin.draws.space import LabelledSpace
+from precision_pin.terms.source import setting_text
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ class Segment(Profile):
             raise InputError("a segment needs one of length: and fraction:")
         for name in self.given("length", "fraction"):
             if not getattr(self, name) > 0:
-                raise InputError(f"the {name} of a segment must be positive, got {getattr(self, name)}")
+                raise InputError(f"the {name} of a segment must be positive, got {setting_text(self, name)}")
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ class Stretch:
         for name in profile.given("E", "G", "density", *DIMENSIONS, *RIGIDITIES):
             value = getattr(profile, name)
             if isinstance(value, float | int) and not 0 < value < math.inf:
-                raise InputError(f"{name} of a {where} must be positive, got {value}")
+                raise InputError(f"{name} of a {where} must be positive, got {setting_text(profile, name)}")
         if profile.section is not None:
             self._check_section(where)
         elif not profile.given(*RIGIDITIES) and not may_be_rigid:

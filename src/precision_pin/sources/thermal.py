@@ -67,7 +67,7 @@ class Thermal(Source):
         if (self.gradient is None) != (self.across is None):
             raise InputError("thermal needs both of gradient: and across:")
         if self.time_constant is not None and not self.time_constant > 0:
-            raise InputError(f"time_constant must be positive, got {self.time_constant!r}")
+            raise InputError(f"time_constant must be positive, got {self.setting_text('time_constant')}")
 
     @property
     def subject(self) -> str:

@@ -71,7 +71,7 @@ class Transmission(Source):
         if not all(0 < order < math.inf for order in self.order):
             raise InputError("an order of transmission must be positive")
         if self.period is not None and not 0 < self.period < math.inf:
-            raise InputError(f"the period of transmission must be positive, got {self.period}")
+            raise InputError(f"the period of transmission must be positive, got {self.setting_text('period')}")
         if self.period is not None and not self.amplitude:
             raise InputError("period: of transmission is used only with amplitude:")
 

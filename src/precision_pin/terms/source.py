@@ -19,6 +19,7 @@ from precision_pin.base.arguments import check_choice, check_number, check_text,
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.units import PerJoint, Quantity
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Expression, component_names
 from precision_pin.draws.laws import Law
@@ -76,6 +77,17 @@ def setting_meanings(kind: type) -> dict[str, str]:
 def takes_law(hint: Any) -> bool:
     """Return whether a setting of this type may be random."""
     return hint is Law or any(takes_law(part) for part in typing.get_args(hint))
+
+
+def setting_text(part: Any, name: str) -> str:
+    """Return the number in a setting of a source, or of a part of a setting, with its unit."""
+    kind: type = type(part)
+    notes = next(field.notes for field in setting_fields(kind) if field.name == name)
+    pairs = [(note.revolute, note.prismatic) if isinstance(note, PerJoint) else (note,) for note in notes]
+    quantities, value = list(itertools.chain(*pairs)), getattr(part, name)
+    if len(quantities) == 1:
+        return WrittenUnit.suiting(quantities[0], [value])(value)
+    return f"{value:.6g} {' or '.join(quantity.si for quantity in quantities)}"
 
 
 @dataclass(eq=False, slots=True)
@@ -234,6 +246,11 @@ class Source(ABC):
     deviations: ClassVar[tuple[str, ...]] = ()
     """Settings that are deviations from nominal: a nonzero plain number is a constant error."""
 
+    @classmethod
+    def nominal_size(cls, settings: Mapping[str, Any], chain: Chain) -> float | None:
+        """Return the nominal length, m, from which its `deviations` are measured, by the settings of a sheet; None if unknown."""
+        return None
+
     is_dimensional: ClassVar[bool] = False
     """Whether its `deviations`, or else its draws, are errors of the arm's dimensions, which a manufacturer can measure."""
 
@@ -281,6 +298,10 @@ class Source(ABC):
     def label(self) -> str:
         """Return ``kind[subject]``, the prefix of the names of its unnamed draws."""
         return f"{self.kind()}[{self.subject}]"
+
+    def setting_text(self, name: str) -> str:
+        """Return the number in a setting with its unit."""
+        return setting_text(self, name)
 
     def settings(self) -> dict[str, object]:
         """Return the settings by field name."""

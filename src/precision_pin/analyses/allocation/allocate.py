@@ -36,6 +36,7 @@ from precision_pin.analyses.allocation.tolerances import (
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.analyses.shares import by_draw, reaches
+from precision_pin.base import units
 from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
@@ -224,14 +225,16 @@ class AllocationResult(AnalysisResult):
 
 
 def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -> str:
-    """Return the sheet of a model with the chosen tolerances, without its comments.
+    """Return the sheet of a model with the chosen tolerances, rounded down to four digits in one unit for each kind.
 
     The robot's file is named relative to ``folder``, where the sheet will be saved.
 
     Raises:
         InputError: The model was not read from a sheet.
     """
-    changed = model.with_(result.changes).sheet
+    kinds = {one.unit in units.LENGTH.units: one.unit for one in reversed(result.tolerances)}
+    rows = zip(result.tolerances, result.after.tolist(), strict=True)
+    changed = model.with_({one.path: one.rounded(t, kinds[one.unit in units.LENGTH.units]) for one, t in rows}).sheet
     if changed is None or changed.contents is None:
         raise InputError("the model was not read from a sheet or a dictionary")
     return changed.contents.written(folder)

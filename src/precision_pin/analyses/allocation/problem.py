@@ -19,6 +19,7 @@ from precision_pin.analyses.allocation.tolerances import (
     prefix_errors,
     read_cost,
 )
+from precision_pin.analyses.registry import fitting_specs
 from precision_pin.base import units
 from precision_pin.base.arguments import shown
 from precision_pin.base.arrays import Array
@@ -26,8 +27,8 @@ from precision_pin.base.errors import Finding, InputError, UnknownNameError, unh
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sheet.changes import source_of
+from precision_pin.sheet.drawing_tolerances import TOLERANCE_PATTERN
 from precision_pin.sheet.reader import Contents, Sheet
-from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.statistics import Specification
 from precision_pin.statistics.plan import specification
 
@@ -76,7 +77,9 @@ def read_problem(model: ErrorModel, problem: Mapping[str, Any] | None) -> Proble
         _check_keys(problem, ("tolerances", "specs", "poses", *_BOUNDS), "allocate")
         bounds = [(kind, {kind: problem[kind]}) for kind in _BOUNDS if kind in problem]
         entries = _entries(problem, "tolerances")
-        specs = [] if bounds and "specs" not in problem else _entries(problem, "specs")
+        sheet_specs = [] if "specs" in problem else fitting_specs(model.sheet)
+        has_list = "specs" in problem or not (sheet_specs or bounds)
+        specs = _entries(problem, "specs") if has_list else [spec.text for spec in sheet_specs]
     tolerances, limits = [], []
     for k, entry in enumerate(entries):
         with _locate(contents, "tolerances", k):
@@ -97,6 +100,9 @@ def read_problem(model: ErrorModel, problem: Mapping[str, Any] | None) -> Proble
         stray = next((name for name in poses if name not in model.poses), None)
         if stray is not None or not poses:
             raise UnknownNameError("pose", stray or "", model.poses)
+    for spec in sheet_specs:
+        if spec.poses and not {*poses} <= {*spec.poses}:
+            raise InputError(f"allocate: the limit {spec.text} is not for all of its poses; list poses: or specs:")
     return Problem(tuple(tolerances), tuple(limits), poses)
 
 

@@ -33,9 +33,9 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel, displaced_arm
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
+from precision_pin.sheet.drawing_tolerances import TOLERANCE_PATTERN
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.sheet.reader import check_calibrated_robot, read_calibration
-from precision_pin.sheet.settings import TOLERANCE_PATTERN
 from precision_pin.terms.term import JointValue, Target
 from precision_pin.writers.as_built import AsBuilt
 
@@ -503,7 +503,7 @@ def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tu
 
 _WIDTHS: Final = ("uniform", "normal", "triangular", "arcsine", "disc", "circle", "two_point")
 """Laws whose key is a width proportional to their standard deviation."""
-_DIGITS: Final = 6
+_DIGITS: Final = 4
 """Significant digits of a width written into the sheet."""
 
 

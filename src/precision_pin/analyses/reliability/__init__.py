@@ -15,7 +15,7 @@ DECLARATION = Declaration(
         "beyond",
         Option(
             "--spec", "specifications", "A limit to judge; repeats.", metavar='"0.5 mm @ 99.73 %"', is_repeated=True,
-            is_needed=True, check="precision_pin.statistics.plan:listed_specifications",
+            check="precision_pin.statistics.plan:listed_specifications",
         ),
         Option(
             "--samples", "samples", "Plain samples.", int, 100_000, "N",

@@ -444,6 +444,7 @@ class Normal(SymmetricLaw):
         (
             MEAN,
             LawOption("k", "normal: t has the standard deviation t/k; default 3", "2"),
+            LawOption("cpk", "normal: t has the standard deviation t/(3 Cpk)", "1.33"),
             LawOption("truncated", "cut a normal law off at its half-width, mean ± k standard deviations", "true"),
         ),
         {"anyOf": [NUMBER, DEVIATIONS]},
@@ -461,9 +462,12 @@ class Normal(SymmetricLaw):
     @classmethod
     def from_sheet(cls, reader: SheetReader) -> Normal | TruncatedNormal:
         value = reader.settings["normal"]
-        k = reader.ratio("k") if "k" in reader.settings else 3.0
+        given = [key for key in ("k", "cpk") if key in reader.settings]
+        if len(given) == 2:
+            raise reader.error(("cpk",), "give k or cpk: cpk is k/3")
+        k = (3.0 if given == ["cpk"] else 1.0) * reader.ratio(given[0]) if given else 3.0
         if not k > 0:
-            raise reader.error(("k",), f"k must be positive, got {reader.settings['k']}")
+            raise reader.error((given[0],), f"{given[0]} must be positive, got {reader.settings[given[0]]}")
         is_deviation = isinstance(value, Mapping)
         if is_deviation and set(value) != {"std"}:
             reason = "normal takes a half-width (normal: 0.1 mm) or a standard deviation (normal: {std: 0.03 mm})"
@@ -474,10 +478,11 @@ class Normal(SymmetricLaw):
             raise reader.error(("truncated",), f"truncated must be true or false, got {reader.settings['truncated']!r}")
         if truncated == "true":
             return TruncatedNormal(std, mean, k)
-        if is_deviation and "k" in reader.settings:
-            raise reader.error(
-                ("k",), "k has no effect here: {std: …} is the standard deviation itself, and the law is not truncated"
+        if is_deviation and given:
+            reason = (
+                f"{given[0]} has no effect here: {{std: …}} is the standard deviation itself, and nothing is cut off"
             )
+            raise reader.error((given[0],), reason)
         return cls(std, mean, k=None if is_deviation else k)
 
     @classmethod
