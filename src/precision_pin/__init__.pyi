@@ -51,6 +51,7 @@ from .robot import mcpc as mcpc
 from .robot.chain import Chain as Chain
 from .robot.chain import Posture as Posture
 from .robot.configurations import ApproachedPose as ApproachedPose
+from .robot.datums import Datum as Datum
 from .robot.inverse_kinematics import inverse_kinematics as inverse_kinematics
 from .robot.pose_grids import Orientation as Orientation
 from .robot.pose_grids import box_places as box_places

@@ -225,6 +225,7 @@ def calls():
     """Return every public call."""
     return (
         *_sampling_calls(),
+        *_datum_calls(),
         *_page_calls(),
         *_pose_calls(),
         *_analysis_calls(),
@@ -264,6 +265,17 @@ def _sampling_calls():
                fine={"samples": OPTIONAL, "verify": "zero"})  # fmt: skip
     yield call(pp.path_law, error_model=small, poses=TWO_POSES, samples=100, fine={"probability": POSITIVE})
     yield call(pp.compare, models=[small, small], poses=POSE, samples=64, fine={"poses": SEVERAL})
+
+
+def _datum_calls():
+    small, poses = small_model(), [[0.1, 0.2, 0.3, 0.4], [0.5, -0.2, 0.4, 0.1], [-0.5, 0.3, 0.8, -0.4]]
+    numbers = {"std": "zero, digits", "touch": "zero, digits"}
+    yield call(lambda poses, std: small.against(pp.Datum.best_fit(poses, std)), {}, "best_fit", poses=poses, std=1e-5,
+               fine=numbers)  # fmt: skip
+    yield call(lambda pose, touch: small.against(pp.Datum.taught(pose, touch)), {}, "taught", pose=POSE, touch=1e-5,
+               fine=numbers)  # fmt: skip
+    yield call(lambda x, touch: small.against(pp.Datum.three_points(poses[0], x, poses[2], touch)), {}, "three_points",
+               x=poses[1], touch=1e-5, fine=numbers)  # fmt: skip
 
 
 def _page_calls():

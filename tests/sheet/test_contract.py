@@ -257,6 +257,7 @@ def test_it_is_a_schema_with_every_kind_of_source_and_every_law():
     assert set(schema["properties"]) == {
         "precision-pin", "robot", "tip", "base", "gravity", "statics", "locked", "poses", "parameters", "sources",
         "correlations", "target", "calibrated", "allocate", "measurement", "provenance", "accept", "limits", "keep_out", "specs",
+        "datums", "datum",
     }  # fmt: skip
     assert set(schema["required"]) == {"precision-pin", "robot"}
     assert schema["additionalProperties"] is False

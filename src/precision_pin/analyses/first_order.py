@@ -54,7 +54,7 @@ from precision_pin.draws.correlation import BlockCovariance
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import FARTHEST_NORMAL, Law
 from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel, Tangents, tangents
 from precision_pin.robot.chain import pose_findings
 from precision_pin.terms.table import TermTable
@@ -172,6 +172,7 @@ def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int
 
 
 @warns_at_end
+@takes_datum
 def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
     """Return the covariance between the errors of one robot at P poses, ``(P, 6, P, 6)``, first order, in closed form.
 
@@ -323,7 +324,10 @@ class LawShapes(Fixed):
             cubic = total * (all_turns**2 + eighth @ chunk.arms[0])
             second = self.chaos * pairs + (turns * by_group).sum(axis=0) + cubic
             bounds.append(np.minimum(second, all_turns * total) + fourth @ of)
-        return np.stack(bounds)
+        # the root of a fourth moment is a norm: that of a sum is at most the sum
+        return sum(
+            (np.einsum("ijp,jp->ip", gain, self.remainders(part)) for gain, part in chunk.added), np.stack(bounds)
+        )
 
     def vectors(self, chunk: Tangents, covariance: Array, remainders: Array, rows: tuple[int, ...]) -> Vectors:
         """Return position (rows 0, 1, 2), attitude (3, 4, 5) or one component (one row) at the poses of a chunk."""

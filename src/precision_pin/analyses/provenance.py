@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.versions import versions
+from precision_pin.model.datum import DatumRecord, datum_text
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
 from precision_pin.render.tables import origins_entry
@@ -36,6 +37,7 @@ class Provenance:
         sources: Number of sources.
         origins, origins_at: Fraction of the first-order variance of position and attitude by provenance, empty where
             the sheet states none; and the pose where it was computed, the model's first.
+        datum: What the errors are counted against; None for base axes.
         versions: Versions of Python and the libraries that computed the result.
     """
 
@@ -48,6 +50,7 @@ class Provenance:
     sources: int = 0
     origins: OriginShares = field(default_factory=dict)
     origins_at: str = ""
+    datum: DatumRecord | None = None
     versions: Mapping[str, str] = field(default_factory=versions, compare=False)
 
     @classmethod
@@ -65,11 +68,12 @@ class Provenance:
     @property
     def arm(self) -> str:
         """Robot and ends of the chain as text."""
-        return f"{self.robot}: {self.base} to {self.tip}"
+        return f"{self.robot}: {self.base} to {self.tip}{datum_text(self.datum)}"
 
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""
-        arm = {"robot": self.robot, "base": self.base, "tip": self.tip, "axes": "base", "statics": self.statics}
+        arm = {"robot": self.robot, "base": self.base, "tip": self.tip, "axes": "base", "datum": self.datum}
+        arm |= {"statics": self.statics}
         run = {"seed": self.seed, "assumed": list(self.assumed), **origins_entry(self.origins)}
         return {"schema": schema, "complete": True, **arm, **run, "versions": dict(self.versions)}
 

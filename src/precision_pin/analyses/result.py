@@ -237,7 +237,7 @@ def list_warnings(findings: Iterable[Finding], messages: Iterable[str]) -> tuple
 def subject(provenance: Provenance, pose: PoseLabel) -> str:
     """Return the arm, the ends of its chain and the pose of a result."""
     label = pose_text(pose.name, pose.q, pose.sliding_joints, pose.approach)
-    return f"{visible(provenance.robot)}: {visible(provenance.base)} to {visible(provenance.tip)}, pose {label}"
+    return f"{visible(provenance.arm)}, pose {label}"
 
 
 def answer_of(labels: Sequence[PoseLabel], sizes: Sequence[float], sentences: Sequence[str]) -> str:

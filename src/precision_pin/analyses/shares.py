@@ -138,12 +138,12 @@ def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:
     joint and of the link that it moves are neighbours in all orders (:func:`joined_effect_forms`); if that is
     still too many, correlated numbers count as ``Cov(e_p, e)`` too.
     """
-    keys = [key_of(target) for target in at.table.targets]
+    keys = [key_of(target) for target, _ in at.jacobian_parts]
     places = {key: row for row, key in enumerate(dict.fromkeys(keys))}
     moved_links = [0] * len(places)
     slopes = np.zeros((len(places), 6, at.space.size))
     acts = np.zeros((len(places), at.space.size), dtype=bool)
-    for key, target, part in zip(keys, at.table.targets, at.jacobian_parts, strict=True):
+    for key, (target, part) in zip(keys, at.jacobian_parts, strict=True):
         slopes[places[key]][:, part.columns] += part.slopes
         acts[places[key], part.columns] = True
         moved_links[places[key]] = moved_link(target)

@@ -125,7 +125,8 @@ def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
     if outputs is not None:
         outputs.refuse_inputs(inputs)
     echo_warnings(sheet.findings, sheet.chain.robot.file)
-    return replace(sheet, beyond_limits=options.get("beyond_limits", False))
+    sheet = replace(sheet, beyond_limits=options.get("beyond_limits", False))
+    return sheet if options.get("datum") is None else sheet.against(options["datum"])
 
 
 def read_inputs(found: Inputs, options: Options) -> Sheet:

@@ -320,6 +320,16 @@ def fix_signs(expression: Expression, values: Mapping[Expression, float]) -> Exp
     return replacements[expression]
 
 
+def renamed(expression: Expression, names: Mapping[str, str]) -> Expression:
+    """Return an expression with other components: those in ``names`` under their new names."""
+    copies: dict[Expression, Expression] = {}
+    for part in _parts(expression):
+        copies[part] = Component(names.get(part.name, part.name)) if isinstance(part, Component) else part
+        if isinstance(part, Operation):
+            copies[part] = Operation(part.operator, tuple(copies[argument] for argument in part.arguments))
+    return copies[expression]
+
+
 def _is_sign(part: Expression) -> bool:
     return isinstance(part, Operation) and part.operator is Operator.SIGN
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, lru_cache, reduce
 from itertools import groupby, pairwise
-from typing import Any, Final, get_args
+from typing import Any, Final, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,18 @@ from precision_pin.draws.expressions import Operator, Program
 from precision_pin.draws.laws import Disc, Law
 from precision_pin.draws.laws.law import Branch, KernelRow
 from precision_pin.draws.space import Space
-from precision_pin.kernel.loops import FINE, NARROW, STRIDE, WIDE, Draws, Formulas, Motions, Superposition, Wanted
+from precision_pin.kernel.loops import (
+    FINE,
+    NARROW,
+    STRIDE,
+    WIDE,
+    Datum,
+    Draws,
+    Formulas,
+    Motions,
+    Superposition,
+    Wanted,
+)
 from precision_pin.terms.table import TermTable
 
 COMMON: Final[frozenset[Branch]] = frozenset(("fixed", "uniform", "triangular", "normal", "truncated"))
@@ -197,7 +208,8 @@ class SamplerArrays:
     Attributes:
         targets: Number of targets that displace the chain, K.
         rows: Rows of a workspace.
-        draws, formulas, superposition, motions: Arrays for the compiled loops, see :mod:`precision_pin.kernel.loops`.
+        draws, formulas, superposition, motions, datum: Arrays for the compiled loops, see
+            :mod:`precision_pin.kernel.loops`.
         lowest, highest: ``(d,)`` bounds of each component, drawn by Box-Muller or by the inverse distribution function.
         largest_angle: Bound on the sum of all targets' rotation angles, for all samples, rad; infinite if unknown.
     """
@@ -209,6 +221,7 @@ class SamplerArrays:
     formulas: Formulas
     superposition: Superposition
     motions: Motions
+    datum: Datum | None
     lowest: Array
     highest: Array
     largest_angle: float
@@ -229,9 +242,45 @@ class SamplerArrays:
         return np.array([occasions[scope] for scope in self.scopes], dtype=np.uint64)
 
 
-def convert_table(table: TermTable, space: Space) -> SamplerArrays:
-    """Return the arrays of a term table."""
-    return convert_tables((table,), space)[0]
+class ModelAtPose(Protocol):
+    """What the kernel needs of an error model at a pose: its terms and draws."""
+
+    @property
+    def table(self) -> TermTable:
+        """Its terms."""
+
+    @property
+    def space(self) -> Space:
+        """The draws."""
+
+    @property
+    def datum(self) -> AddedErrors | None:
+        """Errors that are added."""
+
+
+class AddedErrors(Protocol):
+    """Errors that are added to that of a pose: ``Σ gain × error of a visit + noise × components``."""
+
+    @property
+    def visits(self) -> Sequence[ModelAtPose]:
+        """Models of the errors."""
+
+    @property
+    def gains(self) -> Array:
+        """``(V, 6, 6)``."""
+
+    @property
+    def noise(self) -> Array:
+        """``(6, d)``."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Terms:
+    """Terms without added errors."""
+
+    table: TermTable
+    space: Space
+    datum: None = None
 
 
 def empty_table(rare: Wanted = None) -> SamplerArrays:
@@ -245,25 +294,29 @@ def empty_table(rare: Wanted = None) -> SamplerArrays:
         twists=np.zeros((0, 6)),
         factors=np.zeros((0, 3), dtype=np.intp),
     )
-    return convert_table(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))
+    return convert_models([_Terms(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))])[0]
 
 
-def convert_tables(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
-    """Return the arrays of term tables, with the same bits as `convert_table` of each."""
+def convert_models(models: Sequence[ModelAtPose]) -> list[SamplerArrays]:
+    """Return the arrays of one error model at poses; their bits do not depend on the other poses."""
     # consecutive tables with the same targets, program and factors, such as one model at several poses, share draws and
     # formulas
     arrays: list[SamplerArrays] = []
-    for _, alike in groupby(tables, key=lambda table: (id(table.program), id(table.target), id(table.factors))):
-        arrays += _convert_alike(list(alike), space)
+    for _, alike in groupby(models, key=lambda at: (id(at.table.program), id(at.table.target), id(at.table.factors))):
+        arrays += _convert_alike(list(alike))
     return arrays
 
 
-def _convert_alike(tables: Sequence[TermTable], space: Space) -> list[SamplerArrays]:
+def _convert_alike(models: Sequence[ModelAtPose]) -> list[SamplerArrays]:
+    tables, space = [at.table for at in models], models[0].space
     rows = _RowAllocator(space)
-    formulas, program_rows = _convert_formulas(tables[0], rows)
-    products = _Products(rows, program_rows)
-    columns = [products.column(factors[factors >= 0]) for factors in tables[0].factors]
-    draws, all_formulas = convert_draws(space, rows.constants), products.append_to(formulas)
+    products = _Products(rows)
+    columns = products.columns(tables[0])
+    parts = [at.datum for at in models if at.datum is not None]
+    visits = [(visit.table, products.columns(visit.table)) for visit in parts[0].visits] if parts else []
+    converted = _convert_displacements(tables, columns, rows.intervals, _superposed(parts, visits))
+    datums = _convert_datums(parts, visits, rows) if parts else [None] * len(models)
+    draws, formulas = convert_draws(space, rows.constants), products.formulas()
     lowest = freeze([low for low, _ in rows.intervals[: space.size]])
     highest = freeze([high for _, high in rows.intervals[: space.size]])
     return [
@@ -272,14 +325,15 @@ def _convert_alike(tables: Sequence[TermTable], space: Space) -> list[SamplerArr
             targets=len(tables[0].targets),
             rows=len(rows.intervals),
             draws=draws,
-            formulas=all_formulas,
+            formulas=formulas,
             superposition=superposition,
             motions=motions,
+            datum=datum,
             lowest=lowest,
             highest=highest,
             largest_angle=angle,
         )
-        for superposition, motions, angle in _convert_displacements(tables, columns, rows)
+        for (superposition, motions, angle), datum in zip(converted, datums, strict=True)
     ]
 
 
@@ -304,47 +358,49 @@ class _RowAllocator:
 # derived parameters and products -------------------------------------------------------------------------------------
 
 
-def _convert_formulas(table: TermTable, rows: _RowAllocator) -> tuple[list[tuple[int, int, int, int]], list[int]]:
-    """Return the operations ``(operator, left, right, result)`` and the row of each parameter."""
-    program = table.program
-    register = [*range(program.components), *(rows.constant(value) for value in program.constants)]
-    steps: list[tuple[int, int, int, int]] = []
-
-    def apply(operator: Operator, left: int, right: int) -> int:
-        result = rows.add(_result_interval(operator, rows.intervals[left], rows.intervals[right]))
-        steps.append((int(operator), left, right, result))
-        return result
-
-    for operator, left, right in program.operations:
-        a, b = register[left], register[right]
-        low, high = rows.intervals[b]
-        if operator is Operator.POWER and low == high and low in range(1, _LARGEST_POWER + 1):
-            # a product costs a hundredth of a general power
-            result = a
-            for _ in range(int(low) - 1):
-                result = apply(Operator.MULTIPLY, result, a)
-            register.append(result)
-        else:
-            register.append(apply(operator, a, b))
-    return steps, [register[output] for output in program.outputs]
-
-
 class _Products:
-    """Distinct products of parameters that are factors of further products, with a row for each."""
+    """Formulas, and distinct products of parameters that are factors of further products, with a row for each."""
 
-    def __init__(self, rows: _RowAllocator, parameters: Sequence[int]) -> None:
+    def __init__(self, rows: _RowAllocator) -> None:
         self._rows = rows
-        self._parameters = parameters
+        self._steps: dict[tuple[int, int, int], int] = {}
         self._known: dict[tuple[int, ...], int] = {}
         self._factors: list[tuple[int, int]] = []
         self._results: list[int] = []
 
-    def column(self, factors: NDArray[np.intp]) -> Column:
-        """Return one or two rows whose product is the product of the parameters; a row of ones if there are none."""
-        if not factors.size:
-            return (self._rows.constant(1.0),)
+    def columns(self, table: TermTable) -> list[Column]:
+        """Return for each term one or two rows whose product is that of its parameters; a row of ones for none."""
+        parameters = self._parameters(table.program)
         # sorted, so that a product has one row for any order of its factors in the sheet
-        key = tuple(sorted(self._parameters[factor] for factor in factors))
+        keys = [tuple(sorted(parameters[factor] for factor in factors if factor >= 0)) for factors in table.factors]
+        return [self._column(key) for key in keys]
+
+    def _parameters(self, program: Program) -> list[int]:
+        """Return the row of each parameter of a program."""
+        register = [*range(program.components), *(self._rows.constant(value) for value in program.constants)]
+        for operator, left, right in program.operations:
+            a, b = register[left], register[right]
+            low, high = self._rows.intervals[b]
+            if operator is Operator.POWER and low == high and low in range(1, _LARGEST_POWER + 1):
+                # a product costs a hundredth of a general power
+                result = a
+                for _ in range(int(low) - 1):
+                    result = self._apply(Operator.MULTIPLY, result, a)
+                register.append(result)
+            else:
+                register.append(self._apply(operator, a, b))
+        return [register[output] for output in program.outputs]
+
+    def _apply(self, operator: Operator, left: int, right: int) -> int:
+        step = int(operator), left, right
+        if step not in self._steps:
+            intervals = self._rows.intervals
+            self._steps[step] = self._rows.add(_result_interval(operator, intervals[left], intervals[right]))
+        return self._steps[step]
+
+    def _column(self, key: tuple[int, ...]) -> Column:
+        if not key:
+            return (self._rows.constant(1.0),)
         return key if len(key) == 1 else (self._row(key[:-1]), key[-1])
 
     def _row(self, key: tuple[int, ...]) -> int:
@@ -358,15 +414,15 @@ class _Products:
             self._results.append(self._known[key])
         return self._known[key]
 
-    def append_to(self, steps: Sequence[tuple[int, int, int, int]]) -> Formulas:
+    def formulas(self) -> Formulas:
         """Return the operations and, after them, the products."""
-        operators = np.array([step[0] for step in steps], dtype=np.int64)
+        operators = np.array([operator for operator, _, _ in self._steps], dtype=np.int64)
         operators.flags.writeable = False
         return Formulas(
             operators=operators,
-            left=offsets([step[1] for step in steps]),
-            right=offsets([step[2] for step in steps]),
-            results=offsets([step[3] for step in steps]),
+            left=offsets([left for _, left, _ in self._steps]),
+            right=offsets([right for _, _, right in self._steps]),
+            results=offsets(list(self._steps.values())),
             product_factors=freeze_offsets(
                 np.array([(offset(a), offset(b)) for a, b in self._factors], dtype=np.uint64).reshape(-1, 2)
             ),
@@ -413,34 +469,142 @@ def _product_interval(a: Interval, b: Interval) -> Interval:
 # displacements -------------------------------------------------------------------------------------------------------
 
 
+_Superposed = tuple[list[Column], Array]
+"""Columns, and what a unit of each adds to the error at every pose, to first order, ``(P, columns, 6)``."""
+
+
+def _superposed(parts: Sequence[AddedErrors], visits: Sequence[tuple[TermTable, list[Column]]]) -> _Superposed:
+    """Return what datums add to the error of the linear model at poses."""
+    noise = np.stack([part.noise.T for part in parts]) if parts else np.zeros((0, 0, 6))
+    components = np.flatnonzero(noise.any(axis=(0, 2))).tolist()
+    columns: list[Column] = [(component,) for component in components]
+    vectors = [noise[:, components]]
+    for number, (table, own) in enumerate(visits):
+        displacement = _Displacements.of([table])
+        twists = np.concatenate([displacement.carried, displacement.turned], axis=2)
+        gains = np.stack([part.gains[number] for part in parts])
+        vectors.append((gains[:, None] * twists[:, :, None]).sum(axis=-1))
+        columns += own
+    return columns, np.concatenate(vectors, axis=1)
+
+
+def _convert_datums(
+    parts: Sequence[AddedErrors], visits: Sequence[tuple[TermTable, list[Column]]], rows: _RowAllocator
+) -> list[Datum]:
+    """Return the datum at each pose."""
+    tables, columns = tuple(table for table, _ in visits), tuple(tuple(entries) for _, entries in visits)
+    motions = _convert_visits(tables, columns, tuple(rows.intervals))
+    results = [rows.add((-math.inf, math.inf)) for _ in range(6 * len(visits))]
+    noise = np.stack([part.noise.T for part in parts])
+    gains = np.stack([part.gains for part in parts]).swapaxes(2, 3).reshape(len(parts), -1, 6)
+    gains = np.concatenate([gains, noise], axis=1)
+    kept = np.flatnonzero(gains.any(axis=(0, 2)))
+    all_rows = np.array([*results, *range(noise.shape[1])])[kept]
+    row_offsets, result_offsets = offsets(all_rows.tolist()), offsets(results).reshape(-1, 6)
+    return [Datum(motions, result_offsets, row_offsets, freeze(own, 1, -1, 6)) for own in gains[:, kept]]
+
+
+@lru_cache(maxsize=4)
+def _convert_visits(
+    tables: tuple[TermTable, ...], columns: tuple[tuple[Column, ...], ...], intervals: tuple[Interval, ...]
+) -> Motions:
+    """Return the motions of visits, which are the same for all poses of a model."""
+    nothing: _Superposed = [], np.zeros((1, 0, 6))
+    pairs = zip(tables, columns, strict=True)
+    return join_motions([_convert_displacements([table], [*own], intervals, nothing)[0][1] for table, own in pairs])
+
+
+def join_motions(parts: Sequence[Motions]) -> Motions:
+    """Return the motions of several poses, concatenated, as for :func:`precision_pin.kernel.loops.run_poses`."""
+    targets = max((len(part.arms) for part in parts), default=0)
+
+    def starts(name: str, rows: str) -> NDArray[np.uint64]:
+        before = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
+        # poses with fewer targets get targets without entries, which displace nothing
+        own = [np.pad(getattr(part, name), (0, 2 * (targets - len(part.arms))), mode="edge") for part in parts]
+        return freeze_offsets(np.array(own, dtype=np.uint64).reshape(len(parts), -1) + before[:, None])
+
+    arms = [np.pad(part.arms, ((0, targets - len(part.arms)), (0, 0))) for part in parts]
+    series = [np.insert(part.series, len(part.arms), [FINE] * (targets - len(part.arms))) for part in parts]
+    all_series = np.array(series, dtype=np.int64).reshape(len(parts), -1)
+    all_series.flags.writeable = False
+    return Motions(
+        **join_entries(parts),
+        shift_starts=starts("shift_starts", "shift_rows"),
+        turn_starts=starts("turn_starts", "turn_rows"),
+        arms=freeze(arms, len(parts), targets, 3),
+        series=all_series,
+    )
+
+
+def join_entries(parts: Sequence[Superposition] | Sequence[Motions]) -> dict[str, NDArray[Any]]:
+    """Return the entries of several poses, concatenated."""
+    shifts, turns = (
+        np.concatenate([np.zeros((0, 3)), *(getattr(part, n) for part in parts)]) for n in ("shifts", "turns")
+    )
+    return {
+        "shift_rows": freeze_offsets([row for part in parts for row in part.shift_rows.tolist()]),
+        "shifts": freeze(shifts, *shifts.shape),
+        "turn_rows": freeze_offsets([row for part in parts for row in part.turn_rows.tolist()]),
+        "turns": freeze(turns, *turns.shape),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Displacements:
+    """Terms of tables in base axes.
+
+    Attributes:
+        arms: From each pivot to the tip, ``(P, K, 3)``.
+        shifted, turned: Shift and rotation at the target, per unit of each term's product, ``(P, T, 3)``.
+        carried: Shift of the tip, for the undisplaced chain.
+    """
+
+    arms: Array
+    shifted: Array
+    turned: Array
+    carried: Array
+
+    @classmethod
+    def of(cls, tables: Sequence[TermTable]) -> _Displacements:
+        """Return the terms of tables with the same targets."""
+        # sums and products are elementwise, because the bits of a matrix product depend on its size
+        parts = ("pose", "frames", "twists")
+        poses, frames, twists = (np.stack([getattr(table, part) for table in tables]) for part in parts)
+        target = tables[0].target
+        turned = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
+        shifted = _rotate(frames[:, target, :3, :3], twists[:, :, :3])
+        arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
+        lever = -arms[:, target]
+        carried = shifted + np.stack(
+            [
+                lever[..., (k + 1) % 3] * turned[..., (k + 2) % 3] - lever[..., (k + 2) % 3] * turned[..., (k + 1) % 3]
+                for k in range(3)
+            ],
+            axis=-1,
+        )
+        return cls(arms, shifted, turned, carried)
+
+
 def _convert_displacements(
-    tables: Sequence[TermTable], columns: Sequence[Column], rows: _RowAllocator
+    tables: Sequence[TermTable], columns: list[Column], intervals: Sequence[Interval], added: _Superposed
 ) -> list[tuple[Superposition, Motions, float]]:
     """Return, for each table, the arrays of both models and the bound on the sum of the targets' rotation angles."""
-    # sums and products are elementwise, because the bits of a matrix product depend on its size
-    count = len(tables[0].targets)
-    parts = ("pose", "frames", "twists")
-    poses, frames, twists = (np.stack([getattr(table, part) for table in tables]) for part in parts)
-    target = tables[0].target
-    rotated = _rotate(frames[:, target, :3, :3], twists[:, :, 3:])
-    shifted = _rotate(frames[:, target, :3, :3], twists[:, :, :3])
-    # vectors from each pivot to the tip
-    arms = poses[:, None, :3, 3] - frames[:, :, :3, 3]
-    lever = -arms[:, target]
-    carried = shifted + np.stack(
-        [
-            lever[..., (k + 1) % 3] * rotated[..., (k + 2) % 3] - lever[..., (k + 2) % 3] * rotated[..., (k + 1) % 3]
-            for k in range(3)
-        ],
-        axis=-1,
-    )
-    sums = [_Sum.of(columns, carried, range(len(columns))), _Sum.of(columns, rotated, range(len(columns)))]
+    count, target = len(tables[0].targets), tables[0].target
+    terms_in_base = _Displacements.of(tables)
+    arms, shifted, rotated = terms_in_base.arms, terms_in_base.shifted, terms_in_base.turned
+    all_columns, all_carried, all_turned = columns, terms_in_base.carried, rotated
+    if added[0]:
+        all_columns = columns + added[0]
+        all_carried = np.concatenate([all_carried, added[1][..., :3]], axis=1)
+        all_turned = np.concatenate([rotated, added[1][..., 3:]], axis=1)
+    sums = [_Sum.of(all_columns, vectors, range(len(all_columns))) for vectors in (all_carried, all_turned)]
     angles = np.zeros((len(tables), count))
     # from tip to base, the order in which the loops compose them
     for place, k in enumerate(reversed(range(count))):
         terms = np.flatnonzero(target == k).tolist()
         shift, turn = _Sum.of(columns, shifted, terms), _Sum.of(columns, rotated, terms)
-        angles[:, place] = _largest_turns(turn, rows)
+        angles[:, place] = _largest_turns(turn, intervals)
         # the loops use half the rotation vector; halving is exact
         sums += [shift, _Sum(turn.columns, turn.vectors / 2)]
     # target by target: the order in which np.sum adds depends on the number of terms
@@ -517,14 +681,14 @@ def _drop_rounding(vector: Array) -> Array:
     return np.where(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max(axis=-1, keepdims=True), vector, 0.0)
 
 
-def _largest_turns(turn: _Sum, rows: _RowAllocator) -> Array:
+def _largest_turns(turn: _Sum, intervals: Sequence[Interval]) -> Array:
     """Return the bound on a target's rotation angle at each pose, ``(P,)``, rad; infinite if unknown."""
     bounds_ = np.zeros((len(turn.vectors), 3))
     with np.errstate(invalid="ignore", over="ignore"):
         for k, column in enumerate(turn.columns):
             vector = np.abs(turn.vectors[:, k])
             # zero vectors are skipped, because zero times an infinite end is NaN
-            interval: Interval = reduce(_product_interval, (rows.intervals[row] for row in column))
+            interval: Interval = reduce(_product_interval, (intervals[row] for row in column))
             furthest = max(map(abs, interval))
             bounds_ = bounds_ + np.where(vector.any(axis=-1, keepdims=True), vector * furthest, 0.0)
         bound = np.sqrt(bounds_[:, 0] * bounds_[:, 0] + bounds_[:, 1] * bounds_[:, 1] + bounds_[:, 2] * bounds_[:, 2])

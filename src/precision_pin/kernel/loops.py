@@ -318,6 +318,21 @@ class Motions(NamedTuple):
     """``(K + 1,)`` `FINE`, `NARROW` or `WIDE`, for rotations up to 0.01 rad, 0.25 rad or π: of each target, then of the sum."""
 
 
+class Datum(NamedTuple):
+    """Errors at the visits of a datum, and multiples of rows that it adds to the errors.
+
+    The motions are those of V visits, concatenated as for `run_poses`.
+    """
+
+    motions: Motions
+    results: Offsets
+    """``(V, 6)`` rows for the error of each visit."""
+    rows: Offsets
+    """``(R,)`` rows that are added: of these errors, and of components."""
+    gains: Array
+    """``(P, R, 6)`` what a unit of each row adds to the error at each pose."""
+
+
 class Counting(NamedTuple):
     """Centres to subtract, scales of bins, and limits to count against."""
 
@@ -1134,6 +1149,46 @@ def _superpose(s: Array, w: Array, superposition: Superposition, pose: Scalar) -
     _mix_products(s, w, _V0, products[1], end[1], turn_rows, turns)
 
 
+@inline
+def _at_pose(motions: Motions, pose: Scalar) -> Motions:
+    """Return the motions of one of several poses."""
+    return Motions(
+        motions.shift_starts[pose],
+        motions.shift_rows,
+        motions.shifts,
+        motions.turn_starts[pose],
+        motions.turn_rows,
+        motions.turns,
+        motions.arms[pose],
+        motions.series[pose],
+    )
+
+
+@strict
+def _visit(s: Array, w: Array, datum: Datum, skipped: Scalar, count: Scalar, sampled: bool) -> Scalar:
+    """Write the errors at the visits of a datum to their rows; return as `_displace`."""
+    for visit in range(datum.results.shape[0]):
+        sample = _displace(s, w, _at_pose(datum.motions, visit), skipped, count, sampled)
+        if sample >= 0:
+            return sample
+        for c in range(_U(6)):
+            row, result = (c + _ONE + c // _THREE) * _STRIDE, datum.results[visit, c]
+            for i in range(_TILE):
+                w[result + i] = s[row + i]
+    return -1
+
+
+@fma
+def _add_datum(s: Array, w: Array, datum: Datum, pose: Scalar) -> None:
+    """Add what the datum adds to the six errors of a pose."""
+    for r in range(datum.rows.size):
+        for c in range(_U(6)):
+            gain, row = datum.gains[pose, r, c], (c + _ONE + c // _THREE) * _STRIDE
+            if gain != 0.0:
+                for i in range(_TILE):
+                    s[row + i] += gain * w[datum.rows[r] + i]
+
+
 # counting ------------------------------------------------------------------------------------------------------------
 
 
@@ -1441,6 +1496,7 @@ def run(
     formulas: Formulas,
     superposition: Superposition,
     motions: Motions,
+    datum: Datum | None,
     stage: Scalar,
     rare: Wanted,
     linear: Wanted,
@@ -1466,7 +1522,7 @@ def run(
     Args:
         s, bins, products, w: Work arrays: `SCRATCH` rows; ``(8 · (HELD + 1) · TILE,)``; ``(3/2 · TILE,)``; the rows of
             the offsets. All except the bins are aligned to 64 bytes.
-        draws, formulas, superposition, motions: Arrays of the error model.
+        draws, formulas, superposition, motions, datum: Arrays of the error model; the superposition holds the datum.
         stage: Last stage: `DRAW` draws only, `LINEAR` and `EXACT` compute errors.
         rare, linear: True for rare laws, and for the linear model; otherwise None.
         seed, words: Key, and the last counter word of each stream.
@@ -1519,9 +1575,15 @@ def run(
         if linear is not None:
             _superpose(s, w, superposition, _ZERO)
         else:
+            if datum is not None:
+                sample = _visit(s, w, datum, skipped, size, sampled)
+                if sample >= 0:
+                    return ANGLE, begin + sample
             sample = _displace(s, w, motions, skipped, size, sampled)
             if sample >= 0:
                 return ANGLE, begin + sample
+            if datum is not None:
+                _add_datum(s, w, datum, _ZERO)
         failures = _measure(s, counting.centre, size) if counted else _norms(s)
         if failures:
             sample = _not_finite(s, skipped, size, sampled)
@@ -1571,6 +1633,7 @@ def run_poses(
     formulas: Formulas,
     superposition: Superposition,
     motions: Motions,
+    datum: Datum | None,
     rare: Wanted,
     linear: Wanted,
     seed: Scalar,
@@ -1597,6 +1660,7 @@ def run_poses(
         draws, formulas, words: Draws and formulas evaluated at every pose; ``words`` is ``(P, streams)``.
         superposition, motions: Entries of all poses, concatenated; motions have starts ``(P, 2 K + 1)``, arms ``(P, K,
             3)``, series ``(P, K + 1)``.
+        datum: As in `run`; its draws and formulas are of unit scope.
         rare, linear, seed, first, count: As in `run`.
         centre, inverse_scale: ``(P, 8)`` centres and reciprocals of the scales.
         limit_rows, limits: ``(S,)`` quantities and their limits.
@@ -1624,17 +1688,12 @@ def run_poses(
             sample = _failed_formula(w, unit_formulas, 0, size, True)
             if sample >= 0:
                 return FORMULA, 0, begin + sample
+        if datum is not None and linear is None:
+            sample = _visit(s, w, datum, nobody, size, sampled)
+            if sample >= 0:
+                return ANGLE, 0, begin + sample
         for pose in range(poses):
-            at = Motions(
-                motions.shift_starts[pose],
-                motions.shift_rows,
-                motions.shifts,
-                motions.turn_starts[pose],
-                motions.turn_rows,
-                motions.turns,
-                motions.arms[pose],
-                motions.series[pose],
-            )
+            at = _at_pose(motions, pose)
             counting = Counting(centre[pose], inverse_scale[pose], limit_rows, limits)
             own_lanes = lanes[pose]
             if draws.stream_rows.size:
@@ -1650,6 +1709,8 @@ def run_poses(
                 sample = _displace(s, w, at, nobody, size, sampled)
                 if sample >= 0:
                     return ANGLE, pose, begin + sample
+                if datum is not None:
+                    _add_datum(s, w, datum, _U(pose))
             # restore the pose's sums after its preceding tile
             for k in range(_U(LANE_DOUBLES)):
                 s[_LANES + k] = own_lanes[k]

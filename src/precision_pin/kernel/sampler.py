@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,11 +29,20 @@ from precision_pin.base.jit import call, is_kept
 from precision_pin.draws.draw import Scope, occasion
 from precision_pin.draws.space import Space, check_seed
 from precision_pin.kernel import loops
-from precision_pin.kernel.arrays import BESIDE, SamplerArrays, convert_table, convert_tables, empty_table, rare_laws
+from precision_pin.kernel.arrays import (
+    BESIDE,
+    ModelAtPose,
+    SamplerArrays,
+    convert_models,
+    empty_table,
+    freeze,
+    join_entries,
+    join_motions,
+    rare_laws,
+)
 from precision_pin.kernel.parts import compile_parts
 from precision_pin.statistics import NORMS, Plan, State
 from precision_pin.statistics.accumulate import COLUMNS, LARGEST, largest_of
-from precision_pin.terms.table import TermTable
 
 BLOCK: Final = loops.ATOM
 """Units in a block, 16,384."""
@@ -44,18 +53,6 @@ MOST_UNITS: Final = 2**63
 # the sketch counts with 32 bits: with more samples in a call a bin could overflow
 _MOST_BLOCKS_IN_A_CALL: Final = 2**32 // BLOCK - 1
 _UPPER: Final = np.triu_indices(6)
-
-
-class ModelAtPose(Protocol):
-    """Error model at a pose as the kernel reads it: its terms and draws."""
-
-    @property
-    def table(self) -> TermTable:
-        """Its terms."""
-
-    @property
-    def space(self) -> Space:
-        """The draws."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,12 +135,12 @@ def to_arrays(pose_model: ModelAtPose) -> SamplerArrays:
 
     Raises InputError if the compiled sampler does not support a law.
     """
-    return convert_table(pose_model.table, pose_model.space)
+    return convert_models([pose_model])[0]
 
 
 def to_arrays_at_poses(pose_models: Sequence[ModelAtPose]) -> list[SamplerArrays]:
     """Convert one model at several poses to arrays, faster than by `to_arrays` for each."""
-    return convert_tables([at.table for at in pose_models], pose_models[0].space) if pose_models else []
+    return convert_models(pose_models)
 
 
 def sample(layout: SamplerArrays, seed: int, first: int, count: int, *, pose: int = 0, visit: int = 0) -> Array:
@@ -192,6 +189,11 @@ def errors_at(layout: SamplerArrays, model: Model, x: ArrayLike) -> Array:
         series = np.full_like(motions.series, loops.WIDE)
         series.flags.writeable = False
         motions = motions._replace(series=series)
+        if layout.datum is not None:
+            wide = np.full_like(layout.datum.motions.series, loops.WIDE)
+            wide.flags.writeable = False
+            datum = layout.datum._replace(motions=layout.datum.motions._replace(series=wide))
+            layout = replace(layout, datum=datum)
     _run(layout, stage_of(model), _Units(count=values.shape[1]), given=values, errors=output, motions=motions)
     return output
 
@@ -317,7 +319,8 @@ def _run(layout: SamplerArrays, stage: int, units: _Units, **arrays: Any) -> Non
     # None, not False: the code of the other model is then not compiled
     linear: loops.Wanted = True if stage == loops.LINEAR else None
     compile_ahead = partial(compile_parts, layout.rare, linear, "warm_up")
-    reason, unit = map(int, call(loops.run, arguments, (layout.rare, linear), compile_ahead))
+    has_datum = linear is None and layout.datum is not None
+    reason, unit = map(int, call(loops.run, arguments, (layout.rare, linear, has_datum), compile_ahead))
     if reason:
         raise InputError(f"sample {units.first + unit}: {REASONS[reason]}")
 
@@ -353,6 +356,8 @@ def _arguments(
         layout.formulas,
         layout.superposition,
         layout.motions if motions is None else motions,
+        # the superposition holds it
+        None if stage == loops.LINEAR else layout.datum,
         stage,
         layout.rare,
         True if stage == loops.LINEAR else None,
@@ -383,7 +388,8 @@ class JoinedTables:
         unit_draws, unit_formulas: Draws and formulas evaluated once for all poses.
         draws, formulas: Draws and formulas evaluated at each pose.
         scopes: Scope of each stream of ``draws``.
-        superposition, motions: Concatenated arrays of all poses, as for :func:`precision_pin.kernel.loops.run_poses`.
+        superposition, motions, datum: Concatenated arrays of all poses, as for
+            :func:`precision_pin.kernel.loops.run_poses`.
     """
 
     layouts: tuple[SamplerArrays, ...]
@@ -394,6 +400,7 @@ class JoinedTables:
     scopes: tuple[Scope, ...]
     superposition: loops.Superposition
     motions: loops.Motions
+    datum: loops.Datum | None
 
     @classmethod
     def of(cls, layouts: Sequence[SamplerArrays]) -> JoinedTables:
@@ -416,7 +423,8 @@ class JoinedTables:
             formulas=formulas,
             scopes=tuple(scope for scope in first.scopes if scope is not Scope.UNIT),
             superposition=_join_superpositions(layouts),
-            motions=_join_motions(layouts),
+            motions=join_motions([layout.motions for layout in layouts]),
+            datum=_join_datums([layout.datum for layout in layouts if layout.datum is not None]),
         )
 
     def words(self, first_pose: int, visit: int) -> loops.Offsets:
@@ -436,6 +444,7 @@ def is_alike(first: SamplerArrays, second: SamplerArrays) -> bool:
         first.rows == second.rows
         and first.targets == second.targets
         and first.space.draws == second.space.draws
+        and (first.datum is None) == (second.datum is None)
         and all(np.array_equal(a, b) for a, b in pairs)
     )
 
@@ -516,34 +525,23 @@ def _freeze_copy(array: NDArray[Any]) -> NDArray[Any]:
 # concatenation of poses ----------------------------------------------------------------------------------------------
 
 
-def _join_entries(parts: Sequence[loops.Superposition | loops.Motions]) -> dict[str, NDArray[Any]]:
-    return {
-        name: _freeze_copy(np.concatenate([getattr(part, name) for part in parts]))
-        for name in ("shift_rows", "shifts", "turn_rows", "turns")
-    }
-
-
 def _join_superpositions(layouts: Sequence[SamplerArrays]) -> loops.Superposition:
     parts = [layout.superposition for layout in layouts]
-    offsets = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
-    starts = [part.starts[:-1] + begin for part, begin in zip(parts, offsets[:-1], strict=True)]
-    return loops.Superposition(**_join_entries(parts), starts=_freeze_copy(np.concatenate([*starts, offsets[-1:]])))
+    before = np.cumsum([(0, 0), *(part.starts[-1] for part in parts)], axis=0).astype(np.uint64)
+    starts = [part.starts[:-1] + begin for part, begin in zip(parts, before[:-1], strict=True)]
+    return loops.Superposition(**join_entries(parts), starts=_freeze_copy(np.concatenate([*starts, before[-1:]])))
 
 
-def _join_motions(layouts: Sequence[SamplerArrays]) -> loops.Motions:
-    parts = [layout.motions for layout in layouts]
-
-    def starts(name: str, rows: str) -> loops.Offsets:
-        offsets = np.cumsum([0, *(getattr(part, rows).size for part in parts[:-1])]).astype(np.uint64)
-        return np.stack([getattr(part, name) for part in parts]) + offsets[:, None]
-
-    return loops.Motions(
-        **_join_entries(parts),
-        shift_starts=_freeze_copy(starts("shift_starts", "shift_rows")),
-        turn_starts=_freeze_copy(starts("turn_starts", "turn_rows")),
-        arms=_freeze_copy(np.stack([part.arms for part in parts])),
-        series=_freeze_copy(np.stack([part.series for part in parts])),
-    )
+def _join_datums(datums: Sequence[loops.Datum]) -> loops.Datum | None:
+    """Return one datum at several poses."""
+    if not datums:
+        return None
+    # poses of one conversion share everything but the gains; others have rows of their own where gains are zero
+    rows = np.unique(np.concatenate([datum.rows for datum in datums]))
+    gains = np.zeros((len(datums), rows.size, 6))
+    for gain, datum in zip(gains, datums, strict=True):
+        gain[np.searchsorted(rows, datum.rows)] = datum.gains[0]
+    return datums[0]._replace(rows=_freeze_copy(rows), gains=freeze(gains, *gains.shape))
 
 
 MOST_TOGETHER: Final = 64
@@ -624,6 +622,7 @@ def observe_norms(
         joined.formulas,
         joined.superposition,
         joined.motions,
+        None if linear else joined.datum,
         *variant,
         np.uint64(seed),
         np.zeros(joined.unit_draws.streams.size, dtype=np.uint64),
@@ -641,7 +640,8 @@ def observe_norms(
         counts,
     )
     compile_ahead = partial(compile_parts, *variant, "warm_up_poses")
-    reason, pose, unit = map(int, call(loops.run_poses, arguments, variant, compile_ahead))
+    has_datum = linear is None and joined.datum is not None
+    reason, pose, unit = map(int, call(loops.run_poses, arguments, (*variant, has_datum), compile_ahead))
     if reason:
         raise InputError(f"pose {first_pose + pose}, sample {first + unit}: {REASONS[reason]}")
     return NormBlocks(

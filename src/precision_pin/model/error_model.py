@@ -2,37 +2,53 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import os
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property
-from typing import Final, Literal
+from functools import cached_property, wraps
+from typing import Any, Final, Literal, ParamSpec, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_choice, check_instance, check_items, check_mapping, check_path
+from precision_pin.base.arguments import (
+    check_choice,
+    check_instance,
+    check_items,
+    check_mapping,
+    check_name,
+    check_path,
+    shown,
+)
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Estimates, LabelledSpace, Space
+from precision_pin.model.datum import DatumRecord, Procedures, procedure_of
 from precision_pin.model.equilibrium import solve_equilibrium, statics_findings, terms_about_rest
 from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, origins_of_numbers
 from precision_pin.render.html import Table, rendered
 from precision_pin.robot.chain import Chain, Posture, pose_findings
 from precision_pin.robot.configurations import Approach, ApproachedPose, read_approach, read_approaches
+from precision_pin.robot.datums import Datum
 from precision_pin.sheet import Sheet, read_data
 from precision_pin.sheet import read as read_sheet
+from precision_pin.sheet.datums import NO_DATUM
 from precision_pin.sheet.reader import MEASURED
 from precision_pin.sources.frame import Frame
 from precision_pin.terms import bound_source
 from precision_pin.terms.source import Source, fix_settings
 from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import Target, Term, TermsOfPose
+
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
 
 
 class ErrorModel:
@@ -56,6 +72,7 @@ class ErrorModel:
         sheet: The sheet of the model; ``None`` for a model built in Python.
         beyond_limits: Set to ``True`` to give verdicts also beyond the URDF's limits of joint values and speeds, as
             ``--beyond-limits`` does. Otherwise a specification at such a pose is ``"not judged"``, and not met.
+        datums: What the errors are counted against, in the order in which the datums are found; empty for base axes.
         labels: Label of each source.
         space: All draws, the named ones first.
 
@@ -89,6 +106,7 @@ class ErrorModel:
         self.origins: Mapping[str, str] = {}
         self.sheet: Sheet | None = None
         self.beyond_limits = False
+        self.datums: tuple[Datum, ...] = ()
         self._layout: TableLayout | None = None
 
     @classmethod
@@ -152,7 +170,70 @@ class ErrorModel:
             model.origins = origins_of_numbers(sheet.origins, model.space, model.owners)
         model = model if sheet.estimates is None else model.calibrated(sheet.estimates)
         model.sheet, model.beyond_limits = sheet, sheet.beyond_limits
-        return model
+        return model.against(*sheet.datum)
+
+    @warns_at_end
+    def against(self, *datums: Datum | str) -> ErrorModel:
+        """Return the model with errors against datums instead of base axes.
+
+        Args:
+            datums: In the order in which the robot finds them: a tool first, say, then a fixture found with it; each from
+                :class:`precision_pin.Datum` or a name of the sheet. Without any, or ``"none"``, errors are in base axes.
+
+        Raises:
+            InputError: Not a datum; poses that do not determine it; two datums of one name.
+            UnknownNameError: No such pose, frame or datum.
+
+        Examples:
+            >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+            >>> taught = model.against(pp.Datum.taught("paper"))
+            >>> print(np.abs(taught.at("paper").jacobian).max() < 1e-12)
+            True
+        """
+        known = {} if self.sheet is None else self.sheet.datums
+        datums = () if datums == (NO_DATUM,) else datums
+        named = [known[check_name("datum", datum, known)] if isinstance(datum, str) else datum for datum in datums]
+        listed = check_items("the datums", named, Datum, "as Datum.taught returns it")  # type: ignore[type-abstract]
+        model, space = self.bare, self.bare.space
+        if not listed:
+            return model
+        listed = tuple(datum.bound(len(model.chain.joints), model.configuration) for datum in listed)
+        parts = [procedure_of(datum, space) for datum in listed]
+        draws = [draw for source, _ in parts for draw in source.draws(source.label())]
+        space = Space(
+            (*space.draws, *draws), (*space.correlations, *(group for _, groups in parts for group in groups))
+        )
+        result = model.like(model.chain, space)
+        result.sheet, result.datums = model.sheet, listed
+        result.sources = (*model.sources, *(source for source, _ in parts))
+        result.labels = (*model.labels, *(source.label() for source, _ in parts))
+        result.procedures.part(model.chain.at(np.zeros(len(model.chain.joints))))
+        return result
+
+    @property
+    def bare(self) -> ErrorModel:
+        """The model in base axes."""
+        if not self.datums:
+            return self
+        names = {name for datum in self.datums for name in (datum.label,)}
+        draws = tuple(draw for draw in self.space.draws if not draw.name.startswith(tuple(f"{n}." for n in names)))
+        known = {name for draw in draws for name in (draw.name, *draw.components)}
+        groups = tuple(group for group in self.space.correlations if set(group.names) <= known)
+        result = self.like(self.chain, Space(draws, groups))
+        result.sheet, result.datums = self.sheet, ()
+        result.sources, result.labels = self.sources[: -len(self.datums)], self.labels[: -len(self.datums)]
+        return result
+
+    def datum_record(self, at: PoseModel | None = None) -> DatumRecord | None:
+        """Return what the errors are counted against, with the linearity at a pose (default: the first); None for base axes."""
+        if at is None and self.datums and self.poses:
+            at = next(self.at_columns(next(iter(self.poses.values()))[:, None]))
+        return DatumRecord.of(self.datums, at)
+
+    @cached_property
+    def procedures(self) -> Procedures:
+        """The procedures of the datums."""
+        return Procedures(self.bare, self.space, self.datums)
 
     @property
     def specs(self) -> tuple[str, ...]:
@@ -200,7 +281,7 @@ class ErrorModel:
         add(sheet.findings)
         model = type(self).from_sheet(sheet)
         model.beyond_limits = self.beyond_limits
-        return model
+        return model.against(*self.datums)
 
     def configuration(self, q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None) -> Array:
         """Return joint values in chain order, from an array, by joint name or pose name (default: the first pose).
@@ -361,7 +442,7 @@ class ErrorModel:
         tables = self._layout_of(terms).at_many(posture, terms)
         for k, (bare_posture, table) in enumerate(zip(bare, tables, strict=True)):
             loaded = bare_posture.with_loads(posture.loads[len(bare_posture.loads) :]).with_tilts(posture.tilts)
-            yield PoseModel(loaded, self.space, table, TermsOfPose(terms, k))
+            yield self._in_datum(PoseModel(loaded, self.space, table, TermsOfPose(terms, k)))
 
     def _layout_of(self, terms: tuple[Term, ...]) -> TableLayout:
         """Return the layout of terms: the previous one, unless targets or factors differ."""
@@ -375,7 +456,10 @@ class ErrorModel:
             terms = self._make_terms(posture)
         else:
             terms = terms_about_rest(solve_equilibrium(posture, self.space, self._make_terms))
-        return PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms)
+        return self._in_datum(PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms))
+
+    def _in_datum(self, at: PoseModel) -> PoseModel:
+        return replace(at, datum=self.procedures.part(at.posture)) if self.datums else at
 
     @cached_property
     def bound_sources(self) -> tuple[bound_source.BoundSource, ...]:
@@ -398,6 +482,7 @@ class ErrorModel:
         model = ErrorModel(chain, Space(), (), self.poses, self.statics)
         model.sources, model.labels, model.assumed, model.space = self.sources, self.labels, self.assumed, space
         model.approaches, model.origins, model.beyond_limits = self.approaches, self.origins, self.beyond_limits
+        model.datums = self.datums
         return model
 
     def measured_as(self, arm: ErrorModel, is_measured: Callable[[Target], bool]) -> ErrorModel:
@@ -423,6 +508,38 @@ class ErrorModel:
 
     def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
+
+
+def _against(argument: Any, datums: Sequence[Datum | str]) -> Any:
+    """Return a model, or each model of a list, against datums; any other argument unchanged."""
+    if isinstance(argument, list | tuple):
+        return [_against(item, datums) for item in argument]
+    return argument.against(*datums) if isinstance(argument, ErrorModel) else argument
+
+
+def takes_datum(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Make an analysis take ``datum=``: a datum, its name in the sheet, or several in order, instead of the models' own."""
+    text = (
+        "datum: What errors are counted against: from :class:`precision_pin.Datum`, or a name of the sheet, or several in "
+        'order; ``"none"`` for base axes (default: the model\'s).'
+    )
+
+    @wraps(function)
+    def called(*arguments: Any, datum: Datum | str | Sequence[Datum | str] | None = None, **options: Any) -> Result:
+        if datum is not None:
+            datums = (datum,) if isinstance(datum, Datum | str) else datum
+            if not isinstance(datums, tuple | list):
+                raise InputError(f"datum must be a datum, the name of one, or a list of these, got {shown(datum)}")
+            arguments = tuple(_against(argument, datums) for argument in arguments)
+        return function(*arguments, **options)
+
+    signature, lines = inspect.signature(function), (function.__doc__ or "").split("\n")
+    entry = inspect.Parameter("datum", inspect.Parameter.KEYWORD_ONLY, default=None)
+    called.__signature__ = signature.replace(parameters=[*signature.parameters.values(), entry])  # type: ignore[attr-defined]
+    end = next(k for k in range(lines.index("    Args:"), len(lines)) if not lines[k].strip())
+    entry_lines = textwrap.wrap(text, 112, initial_indent=" " * 8, subsequent_indent=" " * 12)
+    called.__doc__ = "\n".join([*lines[:end], *entry_lines, *lines[end:]])
+    return cast("Callable[Parameters, Result]", called)
 
 
 def _settings(source: Source) -> str:

@@ -9,10 +9,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
-from typing import Final
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,6 +62,51 @@ class Part:
         )
 
 
+class Solver(Protocol):
+    """Procedures that find datums."""
+
+    def solved(self, at: PoseModel, x: Array) -> Array:
+        """Return the errors ``(6, n)`` at a pose of robots that each carry out the procedures."""
+
+
+@dataclass(frozen=True, eq=False)
+class DatumPart(Fixed):
+    """What the datum adds to the error at a pose: ``Σ gain × error of a visit + noise × components``.
+
+    The errors are those of the same robot at the poses where the datum was found.
+
+    Attributes:
+        visits: The model at each of these poses, for the same components.
+        gains: ``(V, 6, 6)``, zero for a visit that does not count here.
+        noise: Derivative ``(6, d)`` by the procedure's own noise.
+        procedures: The procedures, which solve robots one by one.
+    """
+
+    visits: tuple[PoseModel, ...]
+    gains: Array
+    noise: Array
+    procedures: Solver = field(repr=False)
+
+    def errors(self, values: Array, model: Literal["exact", "linear"]) -> Array:
+        """Return what is added, ``(6, N)``, for component values ``(d, N)``."""
+        total = self.noise @ values
+        for gain, visit in self.counted:
+            total += gain @ (visit.exact(values) if model == "exact" else visit.linear(values))
+        return total
+
+    @property
+    def counted(self) -> Iterator[tuple[Array, PoseModel]]:
+        """Each visit that counts, after its gain."""
+        return ((gain, visit) for gain, visit in zip(self.gains, self.visits, strict=True) if gain.any())
+
+
+_SOLVED: Final = 256
+"""Robots solved one by one: they show differences of a per cent of the standard deviation."""
+_SHARE: Final = 0.05
+"""Difference of mean, standard deviation or quantile, relative, above which the maps of a datum are too coarse."""
+_LEAST_STD: Final = 1e-9
+"""Standard deviation, m and rad, below which a component does not vary."""
+
 # components of ``[d; δ]`` and their units in a notebook
 _COMPONENTS: Final = (("dx", "mm"), ("dy", "mm"), ("dz", "mm"), ("δx", "mrad"), ("δy", "mrad"), ("δz", "mrad"))
 
@@ -73,12 +118,20 @@ class PoseModel:
     Attributes:
         posture: The undisplaced chain, with all loads.
         space: Draws in column order.
+        table, terms: Of the arm.
+        datum: What the datum adds to the error of the arm; None in base axes.
     """
 
     posture: Posture
     space: Space
     table: TermTable
     terms: Sequence[Term]
+    datum: DatumPart | None = None
+
+    @cached_property
+    def arm(self) -> PoseModel:
+        """The model of the arm alone, with errors in base axes."""
+        return self if self.datum is None else replace(self, datum=None)
 
     def linear(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` by superposition (eqs 12-17), for component values ``(d, N)``.
@@ -87,7 +140,8 @@ class PoseModel:
         """
         values = self._check(x)
         displacements = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
-        return np.einsum("kij,kjn->in", self.table.sensitivities, displacements)
+        errors = np.einsum("kij,kjn->in", self.table.sensitivities, displacements)
+        return errors if self.datum is None else errors + self.datum.errors(values, "linear")
 
     def exact(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` of the displaced chain as a product of poses, for component values ``(d, N)``.
@@ -97,7 +151,8 @@ class PoseModel:
         """
         values = self._check(x)
         with _check_overflow():
-            return self._multiply_out(values)
+            errors = self._multiply_out(values)
+            return errors if self.datum is None else errors + self.datum.errors(values, "exact")
 
     def _multiply_out(self, values: Array) -> Array:
         displacements = self.table.displacements(self.table.products(self.table.program.evaluate(values)))
@@ -117,13 +172,14 @@ class PoseModel:
 
         Under gravity it holds for the deflected arm, and differs from :meth:`linear`.
         """
-        return self.error_at_means, self._add_up(self.jacobian_parts)
+        jacobian = self._add_up(part for _, part in self.jacobian_parts)
+        return self.error_at_means, jacobian if self.datum is None else jacobian + self.datum.noise
 
     def jacobian_at(self, x: Array, error: Array) -> Array:
-        """Return the derivative ``(6, d)`` of :meth:`exact` at component values ``(d,)`` with the error ``(6,)``."""
+        """Return the derivative ``(6, d)`` of :meth:`exact` in base axes at values ``(d,)`` with the error ``(6,)``."""
         return self._add_up(self._slopes_at(x, error))
 
-    def _add_up(self, parts: tuple[SlopeColumns, ...]) -> Array:
+    def _add_up(self, parts: Iterable[SlopeColumns]) -> Array:
         jacobian = np.zeros((6, self.space.size))
         for part in parts:
             jacobian[:, part.columns] += part.slopes
@@ -136,9 +192,13 @@ class PoseModel:
         return self.exact(self.space.mean[:, None])[:, 0]
 
     @cached_property
-    def jacobian_parts(self) -> tuple[SlopeColumns, ...]:
-        """Part of each target in the Jacobian of :attr:`tangent`; they add up to J."""
-        return self._slopes_at(self.space.mean, self.error_at_means)
+    def jacobian_parts(self) -> tuple[tuple[Target, SlopeColumns], ...]:
+        """Targets with their parts in the Jacobian of :attr:`tangent`; they and the noise of a datum add up to J."""
+        slopes = self._slopes_at(self.space.mean, self.arm.error_at_means)
+        parts = list(zip(self.table.targets, slopes, strict=True))
+        for gain, visit in () if self.datum is None else self.datum.counted:
+            parts += [(target, SlopeColumns(part.columns, gain @ part.slopes)) for target, part in visit.jacobian_parts]
+        return tuple(parts)
 
     def _slopes_at(self, x: Array, error: Array) -> tuple[SlopeColumns, ...]:
         """Return each target's part in the derivative of :meth:`exact` at component values ``(d,)`` with this error."""
@@ -169,20 +229,59 @@ class PoseModel:
         """Covariance of the tangent model, ``(6, 6)``: J Σ Jᵀ."""
         return self.space.block_covariance.between(self.jacobian, self.jacobian)
 
+    def solved(self, x: ArrayLike) -> Array:
+        """Return the errors ``(6, N)`` of :meth:`exact`; with a datum, of robots that each find it, not linearised."""
+        values = self._check(x)
+        return self.exact(values) if self.datum is None else self.datum.procedures.solved(self, values)
+
+    @cached_property
+    def linearity(self) -> Mapping[str, float] | None:
+        """Largest relative differences of mean, std and 95 % quantile of |d| from robots solved one by one.
+
+        Those of mean and std are the largest of the six components, the mean in standard deviations. None without a datum.
+        """
+        if self.datum is None:
+            return None
+        x = self.space.sample(0, 0, _SOLVED)
+        # an arm of fewer joints does not reach the attitude of a displaced pose
+        rows = slice(6 if len(self.posture.q) >= 6 else 3)
+        exact, solved = self.exact(x)[rows], self.solved(x)[rows]
+        std = np.maximum(solved.std(axis=1), _LEAST_STD)
+        lengths = (np.quantile(np.linalg.norm(error[:3], axis=0), 0.95) for error in (exact, solved))
+        quantiles = np.maximum(list(lengths), _LEAST_STD)
+        return {
+            "robots": _SOLVED,
+            "mean": float((np.abs((exact - solved).mean(axis=1)) / std).max()),
+            "std": float(np.abs(np.maximum(exact.std(axis=1), _LEAST_STD) / std - 1).max()),
+            "quantile_95": float(abs(quantiles[0] / quantiles[1] - 1)),
+        }
+
+    def _datum_findings(self) -> tuple[Finding, ...]:
+        """Return a warning if robots that carry out the procedure differ from the maps of the datum."""
+        gaps = self.linearity
+        if gaps is None or max(gaps["mean"], gaps["std"], gaps["quantile_95"]) <= _SHARE:
+            return ()
+        message = (
+            f"{_SOLVED} robots that each found the datum differ from its first-order maps: mean {gaps['mean']:.2g} of the "
+            f"standard deviation, standard deviation {gaps['std']:.2%}, 95 % quantile of |d| {gaps['quantile_95']:.2%}"
+        )
+        return (Finding("warning", "W_DATUM", message),)
+
     def findings(self, model: str) -> tuple[Finding, ...]:
-        """Return warnings about this pose: limits and, for ``model`` "linear", the error of superposition."""
+        """Return warnings about this pose: limits, the datum and, for ``model`` "linear", the error of superposition."""
+        known = (*self.posture.findings, *self._datum_findings())
         if model != "linear" or not self.space.size:
-            return self.posture.findings
+            return known
         superposed = self.linear(self.space.mean[:, None])[:, 0]
         gap = float(np.linalg.norm((superposed - self.error_at_means)[:3]))
         spread, negligible = spread_of(self)
         if gap <= negligible:
-            return self.posture.findings
+            return known
         message = (
             f"with every parameter at its mean, superposition places the tip {gap * 1e3:.3g} mm away from the "
             f"displaced chain, more than a tenth of the spread of {spread * 1e3:.3g} mm; the exact model has no such error"
         )
-        return (*self.posture.findings, Finding("warning", "W_SUPERPOSITION", message))
+        return (*known, Finding("warning", "W_SUPERPOSITION", message))
 
     def __repr__(self) -> str:
         return f"<PoseModel of {self.posture!r}: terms {len(self.terms)}, random numbers {self.space.size}>"
@@ -290,12 +389,16 @@ class Tangents(Fixed):
         arms: Per unit of each term's product, the rotation of the parts beyond its place, and a bound of the tip's
             shift: the place's shift plus rotation times distance, ``(2, T, P)``.
         table: The table of one of the poses; targets, factors and formulas are equal at all poses.
+        added: First-order models of errors that are part of the error, each after the largest factors by which its
+            position and attitude (columns) enter position and attitude (rows), ``(2, 2, P)``. Error and jacobian hold
+            them, arms and table do not.
     """
 
     error: Array
     jacobian: Array
     arms: Array
     table: TermTable
+    added: tuple[tuple[Array, Tangents], ...] = ()
 
 
 def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
@@ -310,8 +413,27 @@ def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
             count = [*has_layout, False].index(False)
             with _check_overflow():
                 part = _multiply_out(chunk[0].space.mean, [at.table for at in chunk[:count]])
-            yield part
+                yield _with_datum(part, chunk[:count])
             chunk = chunk[count:]
+
+
+def _with_datum(arm: Tangents, models: Sequence[PoseModel]) -> Tangents:
+    """Return first-order models with what the datum adds at each pose."""
+    parts = [at.datum for at in models if at.datum is not None]
+    if not parts:
+        return arm
+    mean, visits = models[0].space.mean, parts[0].visits
+    gains = np.stack([part.gains for part in parts], axis=-1)
+    noise = np.stack([part.noise for part in parts], axis=-1)
+    error, jacobian = arm.error + np.einsum("idp,d->ip", noise, mean), arm.jacobian + noise
+    added = []
+    for gain, visit in zip(gains, visits, strict=True):
+        error = error + np.einsum("ijp,j->ip", gain, visit.error_at_means)
+        jacobian = jacobian + np.einsum("ijp,jd->idp", gain, visit.jacobian)
+        blocks = gain.reshape(2, 3, 2, 3, -1).transpose(4, 0, 2, 1, 3)
+        lengths = np.moveaxis(np.linalg.norm(blocks, ord=2, axis=(3, 4)), 0, -1)
+        added.append((lengths, _multiply_out(mean, [visit.table])))
+    return replace(arm, error=error, jacobian=jacobian, added=tuple(added))
 
 
 @contextmanager

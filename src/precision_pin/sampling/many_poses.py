@@ -34,7 +34,7 @@ from precision_pin.kernel.sampler import (
     norm_edges,
     observe_norms,
 )
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.tables import pose_labels
 from precision_pin.robot.chain import pose_findings
@@ -70,6 +70,7 @@ _ROBOTS: Final = 4 * BLOCK
 
 
 @warns_at_end
+@takes_datum
 def sample_poses(
     error_model: ErrorModel,
     /,

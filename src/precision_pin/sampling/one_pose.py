@@ -20,7 +20,7 @@ from precision_pin.draws.draw import Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import BLOCK, Blocks
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.robot.configurations import ApproachedPose, written_approach
 from precision_pin.sampling.blocks import (
@@ -56,6 +56,7 @@ OnePose = ArrayLike | Mapping[str, float] | ApproachedPose | str | None
 
 
 @warns_at_end
+@takes_datum
 def monte_carlo(
     error_model: ErrorModel,
     /,
@@ -230,6 +231,7 @@ def _result(
         warnings=tuple(str(finding) for finding in (*known, *new_findings)),
         errors=errors,
         findings=known,
+        datum=error_model.datum_record(at),
         **more,
     )
 
@@ -362,6 +364,7 @@ def sample_blocks(
 
 
 @warns_at_end
+@takes_datum
 def relative(
     error_model: ErrorModel,
     /,

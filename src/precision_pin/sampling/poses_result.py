@@ -16,6 +16,7 @@ from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding
 from precision_pin.base.versions import versions
 from precision_pin.draws.draw import Scope
+from precision_pin.model.datum import DatumRecord
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import JsonResult
@@ -181,7 +182,20 @@ class PosesResult(Record, JsonResult):
     levels: ClassVar[tuple[float, ...]] = LEVELS
 
     KEYS: ClassVar[Keys] = (
-        *("schema", "complete", "robot", "base", "tip", "axes", "samples", "seed", "model", "statics", "confidence"),
+        *(
+            "schema",
+            "complete",
+            "robot",
+            "base",
+            "tip",
+            "axes",
+            "datum",
+            "samples",
+            "seed",
+            "model",
+            "statics",
+            "confidence",
+        ),
         *("versions", "warnings", "findings", "levels", "spec=specification_results", "poses=_entries"),
     )
 
@@ -213,6 +227,13 @@ class PosesResult(Record, JsonResult):
     warnings: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions, init=False)
+
+    @cached_property
+    def datum(self) -> DatumRecord | None:
+        """What the errors are counted against, with the linearity at the worst pose; None for base axes."""
+        if not self.error_model.datums:
+            return None
+        return self.error_model.datum_record(next(self.error_model.at_columns(self.q[:, [self.worst_pose]])))
 
     @property
     def poses(self) -> int:

@@ -15,6 +15,7 @@ from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, visible
 from precision_pin.base.versions import versions
 from precision_pin.draws.space import Space
+from precision_pin.model.datum import DatumRecord, datum_text
 from precision_pin.model.pose_model import OriginShares
 from precision_pin.render import tables
 from precision_pin.render.columns import QUANTITY, Column, frame_row, notebook_table
@@ -129,6 +130,7 @@ class MonteCarloResult(Record, JsonResult):
         warnings: One line each: the findings, then the warnings of the analysis.
         errors: ``(6, N)`` every sample, if they were kept.
         relative_to: The pose whose errors are subtracted (:func:`precision_pin.relative`), if any.
+        datum: What the errors are counted against; None for base axes.
 
     Examples:
         >>> model = pp.ErrorModel.load("4dof.errors.yaml")
@@ -142,7 +144,19 @@ class MonteCarloResult(Record, JsonResult):
     axes: ClassVar[str] = "base"
 
     KEYS: ClassVar[Keys] = (
-        *("schema", "complete", "robot", "base", "tip", "axes", "pose=_pose", "*_relative_to", "samples", "seed"),
+        *(
+            "schema",
+            "complete",
+            "robot",
+            "base",
+            "tip",
+            "axes",
+            "datum",
+            "pose=_pose",
+            "*_relative_to",
+            "samples",
+            "seed",
+        ),
         *("model", "statics", "scopes", "confidence=summary.confidence", "versions", "warnings", "findings", "assumed"),
         *("*_origins", "nominal=_nominal", "*summary", "largest=_largest", "*_until", "*_correlations"),
     )
@@ -171,6 +185,7 @@ class MonteCarloResult(Record, JsonResult):
     findings: tuple[Finding, ...] = ()
     versions: Mapping[str, str] = field(default_factory=versions)
     relative_to: RelativeTo | None = None
+    datum: DatumRecord | None = None
     # fields, because interpreters complete names after a property from its class only, which has no fields
     position: VectorDistribution = field(init=False, repr=False)
     attitude: VectorDistribution = field(init=False, repr=False)
@@ -231,7 +246,7 @@ class MonteCarloResult(Record, JsonResult):
         pose = f" at pose {visible(self.pose_name, 40)}" if self.pose_name else ""
         other = self.relative_to
         relative = f" relative to {visible(other.name, 40) or 'another pose'}" if other else ""
-        return f"{visible(self.robot, 60)}{pose}{relative}"
+        return f"{visible(self.robot, 60)}{pose}{relative}{datum_text(self.datum)}"
 
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
         """Draw the sampled distribution.
@@ -422,6 +437,6 @@ def limit_text(result: SpecificationResult) -> str:
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")
 _ATTRIBUTES: Final = (
-    "schema", "robot", "base", "tip", "axes", "pose", "relative_to", "samples", "seed", "model", "statics", "confidence",
+    "schema", "robot", "base", "tip", "axes", "datum", "pose", "relative_to", "samples", "seed", "model", "statics", "confidence",
     "versions",
 )  # fmt: skip

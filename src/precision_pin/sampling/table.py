@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.base.errors import shown, visible
+from precision_pin.model.datum import datum_text
 from precision_pin.model.pose_model import origin_shares
 from precision_pin.render.tables import ROUNDING, absolute, joint_text, pose_labels, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned
@@ -43,7 +44,7 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
     )
     unresolved = "; - not resolved" * any("-" in row for row in cells)
     return [
-        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose "
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}{datum_text(analysis.datum)}, pose "
         + pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach, is_named=False),
         *_relative(analysis, is_named=False),
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}, "
@@ -69,7 +70,8 @@ def _answer(analysis: MonteCarloResult) -> list[str]:
 def _whole(analysis: MonteCarloResult) -> list[str]:
     pose = pose_text(analysis.pose_name, analysis.q, analysis.sliding_joints, analysis.approach)
     lines = [
-        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}, pose {pose}",
+        f"{visible(analysis.robot)}: {visible(analysis.base)} to {visible(analysis.tip)}{datum_text(analysis.datum)}, "
+        f"pose {pose}",
         *_relative(analysis),
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}; "
         "errors in base axes, intervals and digits at "
@@ -232,7 +234,8 @@ def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
     model = result.error_model
     shares = origin_shares(model.origins, next(model.at_columns(result.q[:, [0]])))
     lines = [
-        f"{visible(result.robot)}: {visible(result.base)} to {visible(result.tip)}, {result.poses:,} poses with the same robots",
+        f"{visible(result.robot)}: {visible(result.base)} to {visible(result.tip)}{datum_text(result.datum)}, "
+        f"{result.poses:,} poses with the same robots",
         f"{result.samples:,} samples at each, seed {result.seed}, {result.model} model, statics {result.statics}, "
         f"{result.confidence:.0%} confidence",
         _worst(result),

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import zip_longest
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ _MOST_POSES: Final = 50
 """Maximum number of poses, evenly spaced, for the fraction of variance taken as exact: enough for its range in a message."""
 _ROBOTS: Final = (2**8, 2**14, 2**20)
 """Minimum and maximum number of robots per pose, and maximum at all poses, to compare the linear and the exact model."""
+_SOLVED: Final = (2**8, 2**11, 2**14)
+"""The same numbers of robots that each find the datum; a robot takes a millisecond."""
 _SPEED_SLACK: Final = 1e-6
 """Fraction by which a speed may exceed its limit: times and joint values of a file are rounded."""
 
@@ -50,26 +52,33 @@ def grounds_at(
     removed = _RemovedTolerances.of(model)
     exact = () if removed is None else removed.names
     largest = largest_of_both(both)
+    words = {"sampled": "the sampled model", "better": "robots that each found the datum", "decides": True}
+    settings: dict[str, Any] = words if model.datums else {}
     if model.beyond_limits:
-        return Grounds("", exact, largest)
+        return Grounds("", exact, largest, **settings)
     findings = () if model.sheet is None else model.sheet.findings
     unreached = unreached or next((finding.message for finding in findings if finding.code == "W_UNREACHED"), "")
-    return Grounds(_outside(model, values, labels) or unreached or _too_fast(model, values, times), exact, largest)
+    reason = _outside(model, values, labels) or unreached or _too_fast(model, values, times)
+    return Grounds(reason, exact, largest, **settings)
 
 
 def by_both_models(
     models: Iterable[PoseModel], sampled: str, seed: int, poses: int = 1
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield the eight absolute quantities of robots at each pose by the linear and the exact model, ``(8, n)`` each.
+    """Yield the eight absolute quantities of robots at each pose by the sampled and a better model, ``(8, n)`` each.
 
-    Nothing if the exact model is sampled. Infinite if the exact model has no error, since a rotation is too large.
+    The better one is the exact model if the linear one is sampled; with a datum, robots that each find it. Nothing if
+    there is no better one. Infinite if it has no error, since a rotation is too large.
     """
-    robots = max(_ROBOTS[0], min(_ROBOTS[1], _ROBOTS[2] // poses))
-    for pose, at in enumerate(models if sampled == "linear" else ()):
-        x, exact = at.space.sample(seed, 0, robots, pose=pose), np.full((8, robots), np.inf)
+    for pose, at in enumerate(models if sampled else ()):
+        if at.datum is None and sampled != "linear":
+            return
+        least, most, in_all = _ROBOTS if at.datum is None else _SOLVED
+        robots = max(least, min(most, in_all // poses))
+        x, better = at.space.sample(seed, 0, robots, pose=pose), np.full((8, robots), np.inf)
         with suppress(InputError):
-            exact = np.abs(quantity_values(at.exact(x)))
-        yield np.abs(quantity_values(at.linear(x))), exact
+            better = np.abs(quantity_values(at.solved(x)))
+        yield np.abs(quantity_values(at.linear(x) if sampled == "linear" else at.exact(x))), better
 
 
 def largest_of_both(both: Iterable[tuple[Array, Array]]) -> tuple[Array, Array] | None:

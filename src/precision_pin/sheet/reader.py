@@ -24,9 +24,11 @@ from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Estimates, Extension, LabelledSpace, Space
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.configurations import Approach
+from precision_pin.robot.datums import Datum
 from precision_pin.robot.urdf import Robot
 from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
+from precision_pin.sheet.datums import chosen_datums, read_datum
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
 from precision_pin.sheet.schema import (
     ASSUMED,
@@ -63,6 +65,8 @@ class Sheet:
         assumed: Positions of the sources marked as assumptions.
         estimates: Result of a calibration, which replaces tolerances.
         measurements: Instruments and set-ups of a calibration.
+        datums: Datums by name.
+        datum: Names of those against which errors are counted, in the order in which they are found.
         origins: Origin of values, by source label, ``label.setting`` or ``parameters.name``.
         unchanged: The sheet before any :meth:`with_changes`; ``None`` for a sheet without changes.
         beyond_limits: Whether verdicts are also given beyond the URDF's limits of joint values and speeds.
@@ -82,6 +86,8 @@ class Sheet:
     contents: Contents | None = None
     estimates: Estimates | None = None
     measurements: tuple[Measurement, ...] = ()
+    datums: Mapping[str, Datum] = field(default_factory=dict)
+    datum: tuple[str, ...] = ()
     origins: Mapping[str, Origin] = field(default_factory=dict)
     unchanged: Sheet | None = None
     beyond_limits: bool = False
@@ -97,6 +103,10 @@ class Sheet:
     def whole_space(self) -> Space:
         """The space with the draws of the sources, by the sheet's laws, before any calibration."""
         return self.space.including(own_draws(self.sources, labels(self.sources)))
+
+    def against(self, names: str | list[str] | None) -> Sheet:
+        """Return the sheet with errors counted against other datums; see :func:`chosen_datums`."""
+        return replace(self, datum=chosen_datums(names, self.datums))
 
     def with_changes(self, changes: Mapping[str, object]) -> Sheet:
         """Return the sheet with values changed, by the path of :class:`precision_pin.sheet.changes.Change`."""
@@ -145,7 +155,7 @@ class Contents:
         # an unchanged arm is not read again from its files
         chain = sheet.chain if is_same_arm(text.data, self.text.data) else None
         changed = _read(replace(self, text=text), first, chain)
-        return replace(changed, unchanged=first, beyond_limits=sheet.beyond_limits)
+        return replace(changed, unchanged=first, beyond_limits=sheet.beyond_limits, datum=sheet.datum)
 
 
 def read(
@@ -218,6 +228,13 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     for k, entry in enumerate(entries if isinstance(entries, list) else [] if entries is None else [entries]):
         with findings.taking("measurement", *([k] if isinstance(entries, list) else [])):
             measurements.append(read_measurement(entry, chain))
+    datums: dict[str, Datum] = {}
+    for name, procedure in document.datums.items():
+        with findings.taking("datums", name):
+            datums[name] = read_datum(name, procedure, chain, poses)
+    datum: tuple[str, ...] = ()
+    with findings.taking("datum"):
+        datum = chosen_datums(document.datum, document.datums)
     origins = {
         f"{label}.{setting}" if setting else label: origin
         for k, label in zip(sources, names, strict=True)
@@ -246,7 +263,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
         file, chain, space, items, poses, document.statics, warnings,
         tuple(rank for rank, k in enumerate(sources) if k in assumed), approaches=approaches, contents=contents,
         estimates=estimates, measurements=tuple(measurements), origins=origins, accepted=document.accept,
-        specs=specs,
+        specs=specs, datums=datums, datum=datum,
     )  # fmt: skip
 
 

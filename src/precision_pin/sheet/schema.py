@@ -30,6 +30,7 @@ from precision_pin import sheet_keys
 from precision_pin.base.errors import Finding, InputError, SheetError, UnknownNameError, nearest
 from precision_pin.base.units import PerEntry, PerJoint, Quantity, parse_vector
 from precision_pin.draws.laws import Law, laws_of_sheets
+from precision_pin.sheet.datums import DatumEntry
 from precision_pin.sheet.drawing_tolerances import is_tolerance
 from precision_pin.sheet.measurement import MeasurementEntry
 from precision_pin.sheet.settings import (
@@ -141,6 +142,14 @@ class Document(BaseModel):
     )
     measurement: _Measurements | None = Field(
         None, description="Instrument and set-up of calibrate, or a list of several; options override it."
+    )
+    datums: dict[str, DatumEntry] = Field(
+        default_factory=dict,
+        description="Frames and tools that the robot finds, by name: each one procedure with its settings.",
+    )
+    datum: str | list[str] | None = Field(
+        None,
+        description="What errors are counted against: datums in the order in which they are found (default: the base).",
     )
     provenance: dict[str, Any] = Field(
         default_factory=dict,

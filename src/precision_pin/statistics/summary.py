@@ -247,8 +247,10 @@ class Grounds(Record):
     Attributes:
         not_judged: Reason for no verdict, such as a joint outside its limits; empty if a verdict can be given.
         exact: Sources and parameters whose laws a change of the sheet has replaced by single values.
-        both: Absolute values of the eight quantities of the same robots by the linear and by the exact model, ``(8, n)``
-            each, if the linear one is sampled; a result converts them to ``linear``, the text of their difference.
+        both: Absolute values of the eight quantities of the same robots by the sampled model and by a better one,
+            ``(8, n)`` each; a result converts them to ``linear``, the text of their difference.
+        sampled, better: What they are called in messages.
+        decides: Whether the better model gives the verdict where the sampled one is too coarse for it.
         remedy: Option that gives a verdict.
     """
 
@@ -259,15 +261,18 @@ class Grounds(Record):
     both: tuple[Array, Array] | None = field(default=None, compare=False, repr=False)
     linear: str | None = None
     remedy: str = "--beyond-limits gives a verdict"
+    sampled: str = "the linear model"
+    better: str = "the exact one"
+    decides: bool = False
 
     def of_linear(self, result: SpecificationResult) -> Grounds:
-        """Return the grounds of a result of the linear model, not judged if the exact model may give another verdict."""
+        """Return the grounds of a result of a simpler model, not judged if the better one may give another verdict."""
         assert self.both is not None
         linear, exact = (values[QUANTITIES.index(result.quantity)] for values in self.both)
         is_inside, gap = linear <= result.limit, float(np.abs(linear - exact).max())
         is_crossing = is_inside != (exact <= result.limit)
         unit = "mm" if result.quantity.startswith("position") else "mrad"
-        text = f"{1e3 * gap:.3g} {unit} from the exact one, {is_crossing.sum():,} of {is_inside.size:,} robots on the other side"
+        text = f"{1e3 * gap:.3g} {unit} from {self.better}, {is_crossing.sum():,} of {is_inside.size:,} robots on the other side"
         # upper bounds of the fractions of robots that leave, or enter, the limits
         leaving, entering = (
             clopper_pearson(int((is_crossing & side).sum()), is_inside.size, 0.95)[1] if gap > NO_SPREAD else 0.0
@@ -277,7 +282,7 @@ class Grounds(Record):
         changes = {"met": low - leaving < result.required, "not met": high + entering >= result.required}
         if not changes.get(result.verdict, False):
             return replace(self, both=None, linear=text)
-        reason = f"the linear model is up to {text}"
+        reason = f"{self.sampled} is up to {text}"
         return replace(self, both=None, linear=text, not_judged=reason, remedy="--model exact judges")
 
     def said(self, verdict: Verdict) -> str:
@@ -294,7 +299,7 @@ class Grounds(Record):
     @property
     def taken(self) -> str:
         """Text after the word "met": `` by the linear model …`` or `` with … taken as exact``, or empty."""
-        linear = f" by the linear model, up to {self.linear}" if self.linear else ""
+        linear = f" by {self.sampled}, up to {self.linear}" if self.linear else ""
         return linear + (f" with {', '.join(map(visible, self.exact))} taken as exact" if self.exact else "")
 
     @property
@@ -317,7 +322,8 @@ class SpecificationResult(Record):
 
     Attributes:
         quantity, limit, required: The specification.
-        probability: Fraction of samples with |quantity| ≤ limit, counted exactly.
+        probability: Fraction of samples with |quantity| ≤ limit, counted exactly; or of the robots of a better model, where
+            that decides (:class:`Grounds`).
         interval: Clopper-Pearson interval of the probability.
     """
 
@@ -336,7 +342,13 @@ class SpecificationResult(Record):
 
     def __post_init__(self) -> None:
         if self.grounds.both is not None:
-            object.__setattr__(self, "grounds", self.grounds.of_linear(self))
+            grounds, better = self.grounds.of_linear(self), self.grounds.both[1][QUANTITIES.index(self.quantity)]
+            if self.grounds.decides and grounds.not_judged and not self.grounds.not_judged:
+                inside = int((better <= self.limit).sum())
+                object.__setattr__(self, "probability", inside / better.size)
+                object.__setattr__(self, "interval", clopper_pearson(inside, better.size, 0.95))
+                grounds = replace(grounds, not_judged="")
+            object.__setattr__(self, "grounds", grounds)
 
     @property
     def verdict(self) -> Verdict:

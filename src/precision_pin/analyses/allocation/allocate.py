@@ -41,7 +41,7 @@ from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
 from precision_pin.base.progress import steps_to
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import pose_findings
 from precision_pin.sampling.run import check_common
@@ -321,6 +321,7 @@ _MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
 
 
 @warns_at_end
+@takes_datum
 def allocate(
     error_model: ErrorModel,
     /,

@@ -30,7 +30,7 @@ def allocation_table(result: AllocationResult) -> str:
     return "\n".join(
         [
             *verdict_lines(result),
-            f"{visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {pose_count(result)}",
+            f"{visible(of.arm)}, {pose_count(result)}",
             "",
             *limit_lines(result),
             "",

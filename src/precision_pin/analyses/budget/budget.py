@@ -34,7 +34,7 @@ from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.equilibrium import turnover_findings
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.sampling import Progress
 from precision_pin.sampling.one_pose import model_at_pose
@@ -201,6 +201,7 @@ MOST_NUMBERS: Final = 3e11
 
 
 @warns_at_end
+@takes_datum
 def budget(
     error_model: ErrorModel,
     /,

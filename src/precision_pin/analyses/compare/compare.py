@@ -24,7 +24,7 @@ from precision_pin.base.progress import check_progress, steps_to
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import check_seed
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import milli, resting_on, symbol
@@ -321,6 +321,7 @@ _NONE: Final = Difference(0.0, (0.0, 0.0))
 
 
 @warns_at_end
+@takes_datum
 def compare(
     models: Mapping[str, ErrorModel] | Sequence[ErrorModel],
     poses: Poses = None,
@@ -533,7 +534,7 @@ def comparison_table(result: ComparisonResult) -> str:
         *(headline(result, rank) for rank in range(1, len(result.names))),
         *_verdicts(result),
         "",
-        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}",
+        f"{visible(run.arm)}",
         f"{result.samples:,} robots, the same in all, seed {run.seed}, {result.model} model",
         f"intervals and digits at {result.confidence:.0%} confidence; differences: to {shown(result.names[0])}",
     ]

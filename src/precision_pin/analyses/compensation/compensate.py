@@ -19,7 +19,7 @@ from precision_pin.base.arguments import check_choice, check_instance, check_ite
 from precision_pin.base.arrays import Array, Fixed, Keys
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import check_progress, steps_to
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import tangents
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, milli
@@ -160,8 +160,8 @@ class CompensationResult(AnalysisResult):
             quantiles = [milli(float(array[0, pose])) for array in (self.within_before, self.within_after)]
             rows.append([labels[pose], *numbers, *quantiles, self.dominant_source[pose], correction.status[pose]])
         columns = ["pose", "|d| before [mm]", "after", "|δ| before [mrad]", "after", "95 % |d| before", "after"]
-        array = self.provenance
-        title = f"Compensation of {array.robot}: {array.base} to {array.tip}, {len(labels):,} poses, {self.mode}"
+        run = self.provenance
+        title = f"Compensation of {run.arm}, {len(labels):,} poses, {self.mode}"
         return rendered(title, [Table([*columns, "what remains", "status"], rows)], [*self.assumptions, *self.warnings])
 
 
@@ -169,6 +169,7 @@ _MOST_ROWS = 20  # rows of the notebook's table
 
 
 @warns_at_end
+@takes_datum
 def compensate(
     error_model: ErrorModel,
     /,

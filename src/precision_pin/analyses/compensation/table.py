@@ -52,7 +52,7 @@ def setting_lines(result: CompensationResult) -> list[str]:
     count = len(result.poses)
     poses = f"{count:,} pose{'s' if count > 1 else ''}"
     return [
-        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}, {poses}, {target} corrected",
+        f"{visible(run.arm)}, {poses}, {target} corrected",
         f"error with every component at its mean, exact model, statics {run.statics}; base axes",
     ]
 

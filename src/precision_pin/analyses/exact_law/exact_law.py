@@ -26,7 +26,7 @@ from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.equilibrium import turnover_findings
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.columns import QUANTITY, Column, text_lines
 from precision_pin.render.tables import MOST_POSES, ROUNDING, milli, symbol
@@ -294,6 +294,7 @@ _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 
 
 @warns_at_end
+@takes_datum
 def exact_law(
     error_model: ErrorModel,
     /,

@@ -27,7 +27,7 @@ from precision_pin.base.units import LENGTH, MASS
 from precision_pin.draws.draw import MOST_VISITS, Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress, available_cores
@@ -52,6 +52,7 @@ _AXES: Final = (("x", "y", "z"), ("a", "b", "c"))
 
 
 @warns_at_end
+@takes_datum
 def iso9283(
     error_model: ErrorModel,
     /,

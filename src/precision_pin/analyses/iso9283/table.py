@@ -64,7 +64,7 @@ def setting_lines(result: Iso9283Result) -> list[str]:
     load = f"; load {plain(result.mass)} kg" if result.mass else ""
     fit = "; base aligned by the best fit over the poses" if result.fit_base else "; base not aligned"
     return [
-        f"ISO 9283 of {visible(of.robot)}: {visible(of.base)} to {visible(of.tip)}, {poses}{point}{load}{fit}",
+        f"ISO 9283 of {visible(of.arm)}, {poses}{point}{load}{fit}",
         f"{result.robots:,} robots, each tested once with {result.cycles} cycles, seed {of.seed}, exact model, statics "
         f"{of.statics}",
         *cube,

@@ -28,7 +28,7 @@ from precision_pin.base.arrays import Array, Fixed, Keys
 from precision_pin.base.errors import Finding, InputError, add, unheard, warns_at_end
 from precision_pin.base.files import write_files
 from precision_pin.base.progress import scaled, steps_to
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.result_io import LARGEST_FILE
@@ -409,7 +409,7 @@ class MapResult(AnalysisResult):
         specs = [f"spec {rank}" for rank in range(1, len(self.specifications) + 1)]
         columns = ["pose", "median |d| [mm]", *heads, "median |δ| [mrad]", *heads, *specs, "dominant source"]
         run = self.provenance
-        title = f"Map of {run.robot}: {run.base} to {run.tip}, {len(self.poses):,} poses, the worst first"
+        title = f"Map of {run.arm}, {len(self.poses):,} poses, the worst first"
         notes = [f"first order, statics {run.statics}; base axes", *self.warnings]
         return rendered(title, [Table(columns, rows)], notes)
 
@@ -445,6 +445,7 @@ _AT_ONCE: Final = 2048
 
 
 @warns_at_end
+@takes_datum
 def map_poses(
     error_model: ErrorModel,
     /,

@@ -37,7 +37,7 @@ def map_table(result: MapResult) -> str:
     lines = [
         *answers(result),
         "",
-        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}, map of {poses}: {result.poses.counts}",
+        f"{visible(run.arm)}, map of {poses}: {result.poses.counts}",
         f"closed form, first order, normal error, statics {run.statics}; {_describe_sampling(result)}",
         "",
         *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),

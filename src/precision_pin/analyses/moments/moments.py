@@ -52,7 +52,7 @@ from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.model.equilibrium import fixed_sides, turnover_findings
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.columns import QUANTITY, Column, text_lines
 from precision_pin.render.tables import milli, plus_minus, symbol, unit
@@ -311,6 +311,7 @@ _ROUNDING: Final = 1e-14  # spread (m, rad) that counts as rounding
 
 
 @warns_at_end
+@takes_datum
 def moments(
     error_model: ErrorModel,
     /,

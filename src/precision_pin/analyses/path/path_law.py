@@ -27,7 +27,7 @@ from precision_pin.draws.draw import MOST_POSES, Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import MOST_TOGETHER
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, quantity_label
 from precision_pin.robot.chain import pose_findings
@@ -281,6 +281,7 @@ _ROUNDING: Final = 1e-14
 
 
 @warns_at_end
+@takes_datum
 def path_law(
     error_model: ErrorModel,
     /,

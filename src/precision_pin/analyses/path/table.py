@@ -30,7 +30,7 @@ def path_table(result: PathResult) -> str:
         where_line(result),
         *verdict_lines(result),
         "",
-        f"{visible(run.robot)}: {visible(run.base)} to {visible(run.tip)}, a path of {len(result.poses):,} poses{duration}",
+        f"{visible(run.arm)}, a path of {len(result.poses):,} poses{duration}",
         f"{result.samples:,} robots, seed {run.seed}, {result.model} model, statics {run.statics}; intervals and digits at "
         f"{result.confidence:.0%} confidence",
         "",

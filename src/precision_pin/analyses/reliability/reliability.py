@@ -22,7 +22,7 @@ from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.columns import Column
 from precision_pin.render.tables import absolute, resting_on, unit
@@ -303,6 +303,7 @@ _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)
 
 
 @warns_at_end
+@takes_datum
 def reliability(
     error_model: ErrorModel,
     /,

@@ -28,7 +28,7 @@ from precision_pin.base.written_units import WrittenUnit
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.equilibrium import side_variants, turnover_findings
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.columns import QUANTITY, Column
 from precision_pin.render.tables import milli
@@ -307,6 +307,7 @@ _NUMBERS_AT_ONCE: Final = 2**22
 
 
 @warns_at_end
+@takes_datum
 def worst_case(
     error_model: ErrorModel,
     /,

@@ -12,6 +12,7 @@ from precision_pin.analyses.collect import Missing, Results
 from precision_pin.analyses.registry import declarations
 from precision_pin.base.units import Quantity
 from precision_pin.base.versions import versions
+from precision_pin.model.datum import datum_text
 from precision_pin.pages import view
 from precision_pin.pages.report.distributions import describe_verdict, distributions, specifications
 from precision_pin.pages.report.summary import name_pose, picture, summary
@@ -84,7 +85,11 @@ def assumptions(poses: Sequence[Results]) -> Html:
         *(("Pose", subject(pose)) for pose in poses),
         ("Model", _MODELS[analysis.model]),
         ("Statics", _STATICS[analysis.statics]),
-        ("Axes", f"errors are position d and rotation vector δ of {analysis.tip}, in the axes of {analysis.base}"),
+        (
+            "Axes",
+            f"errors are position d and rotation vector δ of {analysis.tip}, in the axes of {analysis.base}"
+            + datum_text(analysis.datum),
+        ),
         (
             "Nominal",
             "zero error is the chain of the URDF, rigid and without tolerances, at the joint values of the pose",
