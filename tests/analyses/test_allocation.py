@@ -23,7 +23,7 @@ from precision_pin.base import units
 from precision_pin.draws.laws import laws_of_sheets
 from precision_pin.sheet import reader
 from precision_pin.sources import catalogue
-from support.plain_robot import random_arm
+from support.plain_robot import joint, link, random_arm, robot
 from support.refusals import check_refused
 
 HALF = np.array([0.1e-3, 0.2e-3, 0.05e-3])
@@ -169,6 +169,76 @@ def test_what_only_the_first_order_refuses_is_found(tmp_path):
     assert 0.1e-3 < result.after[0] <= 0.1e-3 / 0.95
 
 
+SLIDE = robot(link("base"), link("tip"), joint("joint1", "prismatic", "base", "tip", axis=(0, 0, 1)))
+SCALES = {"compliance": 98.1, "mass": 9.81e-6, "lead_error": 0.5}
+"""Slopes of the height at half a metre, SI: 10 kg on 1 µm/N, and the way."""
+
+
+def vertical_slide(folder, **changes):
+    """Return a slide that carries a payload, with tolerances of its compliance, the mass and the lead."""
+    (folder / "slide.urdf").write_text(SLIDE, encoding="utf-8")
+    stated = {"compliance": "1 ± 0.1 um/N", "mass": "10 ± 1 kg", "lead_error": "±0.02 mm/m", **changes}
+    sources = [
+        {"joint_compliance": {"joint": "joint1", "compliance": stated["compliance"]}},
+        {"payload": {"at": "tip", "mass": stated["mass"]}},
+        {"transmission": {"joint": "joint1", "lead_error": stated["lead_error"]}},
+    ]
+    given = {"precision-pin": 1, "robot": "slide.urdf", "poses": {"up": "500 mm"}, "sources": sources}
+    return pp.ErrorModel.from_dict(given, folder)
+
+
+PATHS = ("joint_compliance[joint1].compliance", "payload[tip].mass", "transmission[joint1].lead_error")
+
+
+def test_any_quantity_with_a_scale_is_allocated(tmp_path):
+    """Σ c/t under a root mean square is least at (Σ (c a)^⅔)^1.5 / limit, a the slope / √3, the mean sag 98 µm taken off."""
+    units_of = ("um/N", "kg", "mm/m")
+    costs = {
+        path: {"reciprocal": f"{cost} {unit}"} for path, cost, unit in zip(PATHS, (0.2, 3, 0.05), units_of, strict=True)
+    }
+    entries = [{"path": path, "cost": cost} for path, cost in costs.items()]
+    model = vertical_slide(tmp_path)
+    result = pp.allocate(model, {"tolerances": entries, "rms": "0.1 mm"})
+    prices, slopes = np.array([0.2e-6, 3, 0.05e-3]), np.array(list(SCALES.values())) / np.sqrt(3)
+    limit = np.sqrt(0.1e-3**2 - 98.1e-6**2)
+    weights = (prices * slopes) ** (2 / 3)
+    assert result.cost == pytest.approx(weights.sum() ** 1.5 / limit, rel=1e-6)
+    chosen = limit * np.sqrt(weights / weights.sum()) / slopes
+    assert result.after == pytest.approx(chosen, rel=1e-4)
+    assert [entry["unit"] for entry in result.to_dict()["tolerances"]] == ["m/N", "kg", "m/m"]
+    shown = [f"{value:.4g} {unit}" for value, unit in zip(chosen * [1e6, 1, 1e3], units_of, strict=True)]
+    assert all(text in allocation_table(result) for text in shown)
+    texts = [result.changes[path] for path in PATHS]
+    assert all(text.endswith(f" {unit}") for text, unit in zip(texts, units_of, strict=True))
+    # the sheet with them keeps the limit exactly
+    again = pp.allocate(model.with_(result.changes), {"tolerances": entries, "rms": "0.1 mm"})
+    assert again.cost_before == pytest.approx(result.cost, rel=1e-6)
+
+
+def test_a_tolerance_goes_no_further_than_the_model_admits(tmp_path):
+    """A mass of 10 ± 6 kg may become 10 ± 10 kg, and neither the double nor a hundred times of it."""
+    model = vertical_slide(tmp_path, mass="10 ± 6 kg")
+    entry = {"path": PATHS[1], "cost": {"reciprocal": "1 kg"}}
+    result = pp.allocate(model, {"tolerances": [entry], "rms": "5 mm"})
+    assert 9.98 < result.after[0] <= 10
+    check_refused(
+        ("10.5 kg is too wide: mass", pp.allocate, model, {"tolerances": [entry | {"max": "10.5 kg"}], "rms": "5 mm"})
+    )
+
+
+def test_units_of_costs_of_compound_quantities():
+    for kind, numbers, quantity, at in (
+        ("squared", "4 (mm/m)^2", units.RELATIVE_LENGTH, 4.0),
+        ("exponential", [5, "1 1/(mm/m)"], units.RELATIVE_LENGTH, 5 / np.e),
+        ("reciprocal", "1 %", units.RATIO, 10.0),
+        ("reciprocal", 0.01, units.RATIO, 10.0),
+    ):
+        cost = tolerances.read_cost({kind: numbers}, "here", quantity, "uniform")
+        assert float(cost.at(np.array(1e-3))) == pytest.approx(at)
+    wrong = {"squared": "4 mm^2"}
+    check_refused((r"such as \(m/m\)\^2", tolerances.read_cost, wrong, "here", units.RELATIVE_LENGTH, "uniform"))
+
+
 ANGLE = "±0.1 mrad"
 
 
@@ -191,6 +261,7 @@ STATED = [
     {"payload": {"at": "tool", "mass": "1 ± 0.1 kg", "com": ["±1 mm", "0 mm", "10 mm"]}},
     {"thermal": {"link": "link1", "expansion": "12 ± 1 ppm/K", "temperature_change": "±5 K"}},
     {"transmission": {"joint": "joint2", "amplitude": [ANGLE, "0.1 mrad"], "order": [1, 2]}},
+    {"transmission": {"joint": "joint2", "stiffness": {"uniform": "10 N*m/rad", "mean": "1e5 N*m/rad"}}},
 ]  # fmt: skip
 
 

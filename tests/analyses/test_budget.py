@@ -18,6 +18,7 @@ from precision_pin.analyses.budget.table import table
 from precision_pin.analyses.replicates import half_widths, jackknife
 from precision_pin.analyses.shares import VECTORS, by_draw, by_place, correlated_groups
 from precision_pin.base.errors import UnknownNameError
+from precision_pin.render.text_table import whole_tables
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources.frame import Frame
 from precision_pin.sources.joint_offset import JointOffset
@@ -527,7 +528,8 @@ def test_many_draws_are_cut_and_correlated_ones_have_a_line():
     space = pp.Space(tuple(draws), (pp.Correlation.pair("a", "腕", 0.5),))
     found = pp.budget(gantry(*sources, space=space), [0.1, 0.2], samples=FEW)
     text = table(found)
-    assert "more: --all" not in table(found, is_whole=True)
+    with whole_tables(True):
+        assert "more: --all" not in table(found)
     for line in (
         "and 21 more: --all",
         r"correlated: a \+ 腕",

@@ -336,6 +336,31 @@ def test_methods_that_contradict_or_stand_alone_are_not_believed():
     assert plain_estimate(10, 1000, 0.95).variation == pytest.approx(math.sqrt(0.99 / 10))
 
 
+def test_the_narrower_of_two_confirmed_intervals_decides():
+    """A normal error, 110 failures per 100,000 and 125 allowed: above importance sampling's interval, within the samples'."""
+    truth = 1.1e-3
+    model = slides([(1, 0, 0)], [pp.Normal(1e-3)])
+    result = reliability(model, [Specification("position.x", 1e-3 * stats.norm.isf(truth / 2), 1 - 1.25e-3)])
+    entry = result.poses[0].specifications[0]
+    plain, shifted, _ = entry.estimates
+    assert plain.interval[0] <= truth <= 1.25e-3 <= plain.interval[1]
+    assert shifted.interval[0] <= truth <= shifted.interval[1] <= 1.25e-3
+    assert (entry.verdict, entry.best, entry.resolved) == ("met", shifted, True)
+    assert f"MET - P(failure) {shifted.probability:.3g} ({estimates.in_words(shifted.interval)}, importance" in table(
+        result
+    )
+    # without a second estimate, and where one of them contradicts, the samples decide, and why is said
+    alone = replace(entry, **vars(judged([plain, shifted])))
+    assert (alone.verdict, alone.best) == ("undecided", plain)
+    said = "note: the samples decide; no second estimate confirms importance sampling's narrower interval"
+    assert said in table(replace(result, poses=(replace(result.poses[0], specifications=(alone,)),)))
+    far = replace(shifted, method="subset simulation", probability=2e-3, interval=(1.9e-3, 2.1e-3))
+    assert judged([plain, shifted, far]).best is plain
+    # a wider interval replaces none
+    wide = replace(shifted, interval=(0.5e-3, 2e-3))
+    assert judged([plain, wide, far]).best is plain
+
+
 def test_where_samples_decide_the_pairs_are_compared_together():
     """2.75 standard errors apart: rare for one pair (99 %: 2.58), not for three (99 % of all together: 2.94)."""
     plain = plain_estimate(83_120, 100_000, 0.95)

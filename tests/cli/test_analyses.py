@@ -155,12 +155,37 @@ def test_a_trajectory_comes_back_with_its_columns_and_units(run, folder, new_fil
 
 
 @pytest.mark.slow
-def test_without_a_correction_the_code_is_one_and_no_joint_values_are_written(run, folder, new_files):
-    (folder / "way.csv").write_text("joint1,joint2,joint3,joint4\n0,0,0,0\n-1.571,0.0524,1.536,-1.588\n")
-    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", code=1)
-    assert "1 of 2 poses have no correction" in done.out
-    assert "the corrected joint values are not written: not every pose has them" in done.err
-    assert new_files() == {"way.csv"}
+def test_a_pose_without_a_correction_is_left_out_and_named(run, folder, new_files):
+    """The stretched arm is singular: code 1, and the joint values of the other poses are as without it."""
+    rows = ("-1.571,0.0524,1.536,-1.588", "0,0,0,0", "-1.4,0.1,1.3,-1.2")
+    header = "joint1,joint2,joint3,joint4"
+    for name, numbers in (("way", (0, 1, 2)), ("others", (0, 2)), ("none", (1,))):
+        (folder / f"{name}.csv").write_text("\n".join([header, *(rows[k] for k in numbers)]))
+    done = run("compensate", SHEET, "--trajectory", "way.csv", "--csv", "right.csv", "--out", "made", code=1)
+    assert "1 of 3 poses have no correction: 'row 2' (singular)" in done.out
+    assert "the corrected joint values lack 1 of 3 poses: 'row 2' (singular)" in done.err
+    run("compensate", SHEET, "--trajectory", "others.csv", "--csv", "expected.csv")
+    expected = (folder / "expected.csv").read_text()
+    assert (folder / "right.csv").read_text() == (folder / "made/corrected.csv").read_text() == expected
+    done = run("compensate", SHEET, "--trajectory", "none.csv", "--csv", "nothing.csv", code=1)
+    assert "lack 1 of 1 poses: 'row 1' (singular); they are not written" in done.err
+    assert not (folder / "nothing.csv").exists()
+
+
+@pytest.mark.slow
+def test_all_prints_every_row_of_a_long_table(run, folder):
+    """30 poses: without --all the tables have fewer, and say so."""
+    rows = [f"{-1.5 + k / 100},0.1,1.3,-1.2" for k in range(30)]
+    (folder / "way.csv").write_text("\n".join(["joint1,joint2,joint3,joint4", *rows]))
+    few = {"path": ("--samples", "500"), "map": ("--verify", "1", "--samples", "500"), "compensate": ()}
+    for command, more in few.items():
+        asked = (command, SHEET, "--trajectory", "way.csv", *more)
+        cut, every = (run(*asked, *option).out for option in ((), ("--all",)))
+        tables = 2 if command == "compensate" else 1
+        assert len(re.findall("(?m)^'?row ", every)) == 30 * tables
+        count = len(re.findall("(?m)^'?row ", cut)) // tables
+        assert f"and {30 - count} more poses: --all" in cut
+        assert "--all" not in every
 
 
 @pytest.mark.slow

@@ -510,7 +510,7 @@ class NormalNorm(Fixed, NumberLaw):
 
         if self.high - self.low <= 1e-14 * self.high:
             raise InputError(
-                f"the constant part of an error is {self.low:.3g} (m or rad), beside which its spread is lost in rounding; "
+                f"the constant part of an error is {1e3 * self.low:.3g} mm or mrad, beside which its spread is lost in rounding; "
                 "mend the mean of an offset"
             )
         return optimize.brentq(excess, self.low, self.high, xtol=1e-15 * self.high, rtol=1e-14)

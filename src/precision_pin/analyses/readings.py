@@ -64,8 +64,8 @@ class Station(NamedTuple):
         except np.linalg.LinAlgError:
             widest, smallest = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(variances.min()))
             raise InputError(
-                f"numbers of scope visit or pose spread a reading by {widest:.3g}, beside which the instrument's standard "
-                f"deviation of {smallest:.3g} is lost in rounding; give smaller tolerances, or a larger deviation"
+                f"numbers of scope visit or pose spread a reading by {1e3 * widest:.3g} mm or mrad, beside which the std of "
+                f"the instrument, {1e3 * smallest:.3g} mm or mrad, is lost in rounding; give smaller tolerances, or a larger std"
             ) from None
 
 

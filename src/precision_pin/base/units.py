@@ -113,6 +113,12 @@ TIME: Final = _quantity("time", "s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 36
 QUANTITIES: Final = tuple(dict.fromkeys(entry for entry in list(globals().values()) if isinstance(entry, Quantity)))
 """All quantities, in the order above."""
 
+
+def quantity_of(unit: str) -> Quantity:
+    """Return the quantity of a unit, spelled as in the tables."""
+    return next(quantity for quantity in QUANTITIES if unit in quantity.units)
+
+
 LARGEST: Final = 1e50
 SMALLEST: Final = 1e-50
 """Range of numbers read, in SI, apart from 0: the square of a product of three is at most 1e300, and no double overflows

@@ -21,6 +21,7 @@ from precision_pin.cli.measurement import measurement_options, measurements_of
 from precision_pin.cli.options import check_specs, check_workers, compile_sampler, progress_bar, worker_options, working
 from precision_pin.cli.poses import check_poses, pose_files, read_pose_set, read_poses, reference_pose, specs_of
 from precision_pin.cli.terminal import ALL, echo_note, echo_result, echo_warning_lines, echo_warnings
+from precision_pin.render.text_table import whole_tables
 
 if TYPE_CHECKING:
     from precision_pin.analyses.result import Result
@@ -54,7 +55,7 @@ def make_command(declaration: Declaration) -> click.Command:
     for option in reversed(declaration.options):
         command = (_SHARED[option] if isinstance(option, str) else make_option(option))(command)
     if not any(option.argument == ALL for option in declaration.own_options):
-        every = shared.output_option("--all", ALL, is_flag=True, help="Print all rows, however low the terminal is.")
+        every = shared.output_option("--all", ALL, is_flag=True, help="Print all rows of all tables.")
         command = every(command)
     name, metavar = declaration.arguments
     command = shared.argument(name, nargs=-1, metavar=metavar)(command)
@@ -211,7 +212,8 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
     table = job.table or partial(declaration.table, **of_table)
     others = () if job.is_written_first else set(declaration.writes) - {"json_path"}
     below = sum(options[name] is not None for name in ("out", *others))
-    echo_result(result, json_path, lambda: table(result), below=below)
+    with whole_tables(bool(options[ALL])):
+        echo_result(result, json_path, lambda: table(result), below=below)
     notes = () if job.is_written_first else write(result)
     if out is not None:
         files = Files({stem: declaration.figure(result)}) if job.files is None else job.files(result)

@@ -4,9 +4,34 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from itertools import groupby, pairwise
 
 from precision_pin.base.errors import visible
+
+_is_whole: ContextVar[bool] = ContextVar("is_whole", default=False)
+
+
+@contextmanager
+def whole_tables(is_whole: bool) -> Iterator[None]:
+    """Let tables have all their rows, as ``--all`` asks for."""
+    token = _is_whole.set(is_whole)
+    try:
+        yield
+    finally:
+        _is_whole.reset(token)
+
+
+def limited(most: int) -> int | None:
+    """Return the maximum number of rows of a table; ``None`` for all within :func:`whole_tables`."""
+    return None if _is_whole.get() else most
+
+
+def remainder(count: int, what: str = "") -> list[str]:
+    """Return a line about rows that a table omits; none if it has all."""
+    return [f"and {count:,} more{f' {what}' if what else ''}: --all"] if count > 0 else []
 
 
 def aligned(rows: list[list[str]]) -> list[str]:

@@ -1,6 +1,7 @@
 """The fit against a general solver, planted parameters and faults, zeros by another library."""
 
 import json
+import re
 from functools import cache
 from operator import attrgetter
 
@@ -14,10 +15,13 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
 from analyses.test_moments import stretched
 from precision_pin.analyses.calibration.data import check_directions, read_data
+from precision_pin.analyses.calibration.design import SetUp
 from precision_pin.analyses.calibration.figure import plan_figure
 from precision_pin.analyses.calibration.forecast import contact_poses, interval_after, simulate_calibrations
+from precision_pin.analyses.calibration.table import calibration_table, estimate_rows, set_up_lines
 from precision_pin.base import se3
 from precision_pin.base.errors import UnknownNameError
+from precision_pin.render.text_table import whole_tables
 from precision_pin.robot.examples import resolve_robot
 from precision_pin.sources import AxisInstall, Backlash, Frame, JointOffset, Length, Mounting
 from support.refusals import check_refused
@@ -55,6 +59,51 @@ def fit_of(model, q, measurement=TRACKER, seed=0, real=None, **settings):
 @cache
 def plain_fit():
     return fit_of(plain_model(), random_poses(4, 6), seed=3)
+
+
+FACTORS = {"mm": 1e-3, "µm": 1e-6, "mrad": 1e-3, "µrad/(N·m)": 1e-6}
+
+
+def test_numbers_are_printed_in_their_units():
+    """Offsets and lengths in mm and mrad, compliances in µrad/(N·m): cell times unit is the number in SI, with --all of all."""
+    found = plain_fit()
+    posterior = found.posterior
+    rows = estimate_rows(found, None)[1:]
+    assert [row[1] for row in rows if row[0].startswith("joint_off")] == ["mrad"] * 4
+    assert {row[1] for row in rows} <= set(FACTORS)
+    for name, unit, *cells in rows:
+        values = posterior.prior_mean[name], posterior.prior_std[name], posterior.mean[name], *found.interval(name)
+        assert [float(cell) * FACTORS[unit] for cell in cells[:5]] == pytest.approx(values, rel=6e-3, abs=1e-9)
+    with whole_tables(True):
+        text = calibration_table(found)
+    assert all(f"  {row[1]} " in text for row in rows)
+    assert "SI units" not in text
+
+
+def test_the_frame_of_the_instrument_is_printed_whole():
+    """Place and rotation vector with ±: propagated by central differences of another library's rotations."""
+    at = np.array([1e-3, -2e-3, 3e-3, 0.02, -0.01, 0.03])
+    root = 1e-5 * np.random.default_rng(0).normal(size=(6, 6))
+
+    def frame(x):
+        turn = Rotation.from_matrix(MOVED[:3, :3]) * Rotation.from_rotvec(x[3:])
+        return np.concatenate([MOVED[:3, 3] + MOVED[:3, :3] @ x[:3], turn.as_rotvec()])
+
+    slopes = np.array([(frame(at + step) - frame(at - step)) / 2e-6 for step in 1e-6 * np.eye(6)]).T
+    expected = np.sqrt(np.diag(slopes @ root @ root.T @ slopes.T))
+    measurement = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free")
+    set_up = SetUp.of(measurement, MOVED, at, root @ root.T)
+    np.testing.assert_allclose(set_up.base_std, expected, rtol=1e-6)
+    (line,) = set_up_lines([set_up])
+    scale = np.repeat([1e3, 180 / np.pi], 3)
+    for (value, std), true, deviation in zip(
+        re.findall(r"(-?[\d.]+) ± ([\d.]+)", line), scale * frame(at), scale * expected, strict=True
+    ):
+        assert float(std) == pytest.approx(deviation, rel=0.06)
+        assert float(value) == pytest.approx(true, abs=0.06 * deviation)
+    # what readings do not determine has no ±
+    (line,) = set_up_lines([SetUp.of(measurement, MOVED, at, np.diag([np.inf] * 6))])
+    assert line.count("± unknown") == 6
 
 
 def test_estimate_is_that_of_a_general_solver():

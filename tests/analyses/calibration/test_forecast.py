@@ -19,7 +19,8 @@ from precision_pin.analyses.calibration.forecast import (
     simulate_calibrations,
 )
 from precision_pin.analyses.calibration.plan import Design, _cheapest_weights, _project
-from precision_pin.analyses.calibration.table import forecast_table
+from precision_pin.analyses.calibration.table import forecast_table, identifiability_lines
+from precision_pin.render.text_table import whole_tables
 from precision_pin.robot.examples import shipped_sheets
 from support.refusals import check_refused
 from support.sheets import seven_joint_arm
@@ -190,6 +191,19 @@ def test_an_offset_and_a_turned_base_cannot_be_told_apart():
     (group,) = found.combinations
     assert (group.names, group.determined) == (("joint_offset[joint1].offset", "mounting[base].rz"), 1)
     np.testing.assert_allclose(group.unseen.weights, [np.sqrt(0.5), -np.sqrt(0.5)], atol=1e-9)
+
+
+def test_combinations_are_one_short_paragraph():
+    """The wall of a frame at every joint: five lines of 100, the other groups counted; all of them, by name, with --all."""
+    found = pp.identifiability(pp.every_frame(paper_model().chain), random_poses(4, 30), pp.Measurement())
+    (short,) = (line for line in identifiability_lines(found) if "only combinations" in line)
+    with whole_tables(True):
+        (full,) = (line for line in identifiability_lines(found) if "only combinations" in line)
+    listed = [group for group in found.combinations if str(group) in short]
+    assert len(short) <= 500
+    assert short.endswith(f"and {len(found.combinations) - len(listed)} more groups: --all")
+    assert all(str(group) in full for group in found.combinations)
+    assert "--all" not in full
 
 
 @pytest.mark.slow

@@ -36,7 +36,6 @@ from precision_pin.analyses.allocation.tolerances import (
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.analyses.shares import by_draw, reaches
-from precision_pin.base import units
 from precision_pin.base.arguments import check_number, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, warns_at_end
@@ -126,8 +125,8 @@ class AllocationResult(AnalysisResult):
 
     Attributes:
         tolerances: Tolerances to choose, with the values of the sheet.
-        after, costs: Chosen tolerances (m, rad) and the cost of each, ``(n,)``.
-        shadow_prices: Saving per m or rad of an upper bound; negative at the lower bound, zero between and for grades.
+        after, costs: Chosen tolerances (SI) and the cost of each, ``(n,)``.
+        shadow_prices: Saving per SI unit of an upper bound; negative at the lower bound, zero between and for grades.
         lower_bound: No tolerances that keep the limits as stated cost less. ``None`` if infeasible, where the time for
             a choice of grades ran out first, and for specifications with a law far from normal or a norm below 92 %.
         bound_basis: ``"proof"`` for limits of the first order; ``"samples"`` where every cheaper choice of grades was
@@ -210,7 +209,8 @@ class AllocationResult(AnalysisResult):
         """The tolerances as in the JSON."""
         rows = zip(self.after.tolist(), self.costs.tolist(), self.shadow_prices.tolist(), strict=True)
         return [
-            {"path": tol.path, "before": tol.before, "after": after, "grade": tol.grade(after) or None}
+            {"path": tol.path, "unit": tol.quantity.si, "before": tol.before, "after": after}
+            | {"grade": tol.grade(after) or None}
             | {"cost": cost, "shadow_price": price}
             for tol, (after, cost, price) in zip(self.tolerances, rows, strict=True)
         ]
@@ -232,9 +232,10 @@ def allocated_sheet(model: ErrorModel, result: AllocationResult, folder: Path) -
     Raises:
         InputError: The model was not read from a sheet.
     """
-    kinds = {one.unit in units.LENGTH.units: one.unit for one in reversed(result.tolerances)}
+    kinds = {tolerance.quantity: tolerance.unit for tolerance in reversed(result.tolerances)}
     rows = zip(result.tolerances, result.after.tolist(), strict=True)
-    changed = model.with_({one.path: one.rounded(t, kinds[one.unit in units.LENGTH.units]) for one, t in rows}).sheet
+    texts = {tolerance.path: tolerance.rounded(size, kinds[tolerance.quantity]) for tolerance, size in rows}
+    changed = model.with_(texts).sheet
     if changed is None or changed.contents is None:
         raise InputError("the model was not read from a sheet or a dictionary")
     return changed.contents.written(folder)
@@ -665,8 +666,8 @@ def _parts(model: ErrorModel, task: Problem, attempt: _Attempt, place: int, limi
         rows = (rows[row],)
     name = _quantity(bound) if not worst_case else QUANTITIES[COMPONENTS[rows[0]]]
     sheet = np.array([tolerance.before for tolerance in task.tolerances])
-    # of the model as it is, with the chosen tolerances, and with all of them doubled
-    models = [model, *(changed_model(model, task.tolerances, values) for values in (attempt.widths, 2 * sheet))]
+    # of the model as it is, with the chosen tolerances, and with all of them halved
+    models = [model, *(changed_model(model, task.tolerances, values) for values in (attempt.widths, sheet / 2))]
     before, after, changed = (_norm_parts(m, task.poses[pose], list(rows), worst_case) for m in models)
     rounding = _ROUNDING * max(before.values())
     parts = [

@@ -60,7 +60,7 @@ class Limit(Fixed):
         rows: Limited components of the error.
         mean, fixed: Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation,
             ``(r, 1, P)``) that no tolerance changes, ``(r, r, P)``.
-        parts: The same for each tolerance of 1 m or rad, ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then the
+        parts: The same for each tolerance of 1 (SI), ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then the
             contributions of products of two tolerances.
         pairs: Numbers of these two, n for the part that no tolerance changes; ``(m, 2)``.
     """
@@ -176,7 +176,7 @@ class Solution(Fixed):
         lower_bound: No tolerances that keep the limits cost less; for the quantile of a norm, if the variances that
             keep it form a convex set. ``None`` where these do not, below 92 %, or where it was not found in time.
         prices: Derivative of the least cost with respect to each limit, with its sign changed.
-        bound_prices: Saving per m or rad of a tolerance held by its bounds, ``(n,)``; negative at the lower bound.
+        bound_prices: Saving per SI unit of a tolerance held by its bounds, ``(n,)``; negative at the lower bound.
     """
 
     t: Array
@@ -617,7 +617,7 @@ _EDGE: Final = 1.001
 
 @dataclass(frozen=True, eq=False)
 class FrontPoint(Record):
-    """Cheapest first-order tolerances ``(n,)``, m or rad, for limits times ``factor``; no late lower bound."""
+    """Cheapest first-order tolerances ``(n,)``, SI, for limits times ``factor``; no late lower bound."""
 
     factor: float
     cost: float

@@ -15,6 +15,7 @@ from precision_pin.analyses.allocation.tolerances import (
     Grades,
     NoScaleError,
     Tolerance,
+    changed_model,
     contributions,
     prefix_errors,
     read_cost,
@@ -34,6 +35,8 @@ from precision_pin.statistics.plan import specification
 
 # default bounds of a tolerance, as factors of its value
 _RANGE: Final = 100.0
+# ratio up to which a default upper bound approaches the widest value of the model
+_WITHIN: Final = 1.001
 _KEYS: Final = ("path", "cost", "min", "max", "group")
 _BOUNDS: Final = ("rms", "worst_case")
 _SIGN: Final = re.compile(TOLERANCE_PATTERN)
@@ -138,8 +141,10 @@ def _check_groups(tolerances: Sequence[Tolerance]) -> None:
     for group in dict.fromkeys(t.group for t in tolerances if t.group):
         members = [t for t in tolerances if t.group == group]
         shared = common_grades(members)
-        if len({t.unit in units.LENGTH.units for t in members}) > 1:
-            raise InputError(f"allocate: the group {group} has lengths and angles, which cannot be equal")
+        quantities = list(dict.fromkeys(t.quantity.name for t in members))
+        if len(quantities) > 1:
+            names = " and ".join(quantities)
+            raise InputError(f"allocate: the group {group} has several quantities, which cannot be equal: {names}")
         if max(t.low for t in members) > min(t.high for t in members) or (shared is not None and not len(shared)):
             raise InputError(
                 f"allocate: no value lies within the bounds and grades of every tolerance of the group {group}"
@@ -175,22 +180,45 @@ def _tolerance(model: ErrorModel, entry: object, where: str) -> Tolerance:
     _check_keys(entry, _KEYS, where)
     path, text = _resolve_path(model, str(entry["path"]))
     try:
-        return _read(entry, path, text)
+        tolerance = _read(entry, path, text)
     except _NoToleranceError as error:
         raise InputError(f"{error.findings[0].message}{alternatives(model, path)}") from None
+    return _within_model(model, tolerance, is_bounded="max" in entry or tolerance.grades is not None)
+
+
+def _within_model(model: ErrorModel, tolerance: Tolerance, *, is_bounded: bool) -> Tolerance:
+    """Return a tolerance whose upper bound the model admits (a stiffness stays positive): the default one is lowered."""
+    rejection = _rejection(model, tolerance, tolerance.high)
+    if rejection and is_bounded:
+        raise InputError(f"allocate: {tolerance.path}: {tolerance.number(tolerance.high)} is too wide: {rejection}")
+    high, rejected = (tolerance.low, tolerance.high) if rejection else (tolerance.high, tolerance.high)
+    while rejected > _WITHIN * high:
+        middle = float(np.sqrt(high * rejected))
+        high, rejected = (high, middle) if _rejection(model, tolerance, middle) else (middle, rejected)
+    return replace(tolerance, high=high)
+
+
+def _rejection(model: ErrorModel, tolerance: Tolerance, value: float) -> str:
+    """Return why the model does not admit a value; empty if it does."""
+    try:
+        with unheard():
+            changed_model(model, [tolerance], np.array([value]))
+    except InputError as error:
+        return error.findings[0].message
+    return ""
 
 
 class _NoToleranceError(InputError):
-    """The path does not name a positive length or angle."""
+    """The path does not name a positive number."""
 
 
 def _read(entry: Mapping[str, Any], path: str, text: str) -> Tolerance:
     """Return the tolerance of an entry from its path and its text in the sheet."""
     sign, number = _split(text)
     with prefix_errors(f"allocate: {path}", _NoToleranceError):
-        value = units.parse(number, units.LENGTH, units.ANGLE)
+        value = units.parse(number, *units.QUANTITIES)
     unit = units.split(number)[1]
-    quantity = units.LENGTH if unit in units.LENGTH.units else units.ANGLE
+    quantity = units.quantity_of(unit).written_in(unit)
     with prefix_errors(f"allocate: {path}"):
         low, high = (units.parse(str(entry[key]), quantity) if key in entry else None for key in ("min", "max"))
     if not value > 0:
@@ -233,13 +261,13 @@ def _resolve_path(model: ErrorModel, path: str) -> tuple[str, str]:
         return path, texts[0]
     working = ", ".join(name for name in dict.fromkeys(paths) if _can_be_chosen(model, name))
     if not working:
-        reason = f"one length or angle is expected; it has no tolerance{alternatives(model, path)}"
+        reason = f"one tolerance is expected; it has none{alternatives(model, path)}"
     elif not is_alike and not is_source:
         reason = f"its values differ, {shown(texts[0])} and others; name each, in one group if they are to be equal: {working}"
     elif not inside:
         reason = f"it is a parameter, which other sources may share; name its tolerance: {working}"
     else:
-        reason = f"one length or angle is expected; name one of its tolerances: {working}"
+        reason = f"one tolerance is expected; name one of its tolerances: {working}"
     raise InputError(f"allocate: {path}: {reason}")
 
 
@@ -257,7 +285,7 @@ def _split(text: str) -> tuple[str, str]:
 
 
 def _tolerances_below(model: ErrorModel, path: str, value: object) -> list[str]:
-    """Return the paths of positive lengths and angles in a value: for a law its width, for a name the parameter's."""
+    """Return the paths of positive numbers in a value: for a law its width, for a name the parameter's."""
     if isinstance(value, Mapping):
         widths = [key for key in value if key in laws_of_sheets()]
         entries = [(f"{path}.{key}", value[key]) for key in widths or value]
@@ -269,7 +297,7 @@ def _tolerances_below(model: ErrorModel, path: str, value: object) -> list[str]:
         if named:
             return [] if path.startswith("parameters.") else _tolerances_below(model, *named)
         try:
-            return [path] if units.parse(_split(text)[1], units.LENGTH, units.ANGLE) > 0 else []
+            return [path] if units.parse(_split(text)[1], *units.QUANTITIES) > 0 else []
         except InputError:
             return []
     return [path_ for below, entry in entries for path_ in _tolerances_below(model, below, entry)]

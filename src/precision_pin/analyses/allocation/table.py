@@ -6,9 +6,8 @@ from typing import Final
 
 from precision_pin.analyses.allocation.allocate import MEAN, AllocatedLimit, AllocationResult, SourcePart
 from precision_pin.base.errors import shortened, visible
-from precision_pin.base.units import LENGTH
 from precision_pin.render.tables import resting_on, unit
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited
 
 # maximum number of letters of a path or source
 _MOST_LETTERS: Final = 36
@@ -26,7 +25,7 @@ def allocation_table(result: AllocationResult) -> str:
     of, parts, front = result.provenance, result.parts, front_rows(result)
     largest = part_rows(result)
     hidden = parts.shares()[len(largest) - 1 :]
-    remainder = [f"and {len(hidden)} more, {100 * sum(hidden):.1f} %"] if hidden else []
+    others = [f"and {len(hidden)} more, {100 * sum(hidden):.1f} %: --all"] if hidden else []
     return "\n".join(
         [
             *verdict_lines(result),
@@ -38,7 +37,7 @@ def allocation_table(result: AllocationResult) -> str:
             "",
             parts_in_words(result),
             *aligned(largest),
-            *remainder,
+            *others,
             *(["", front_in_words(result), *aligned(front)] if len(front) > 1 else []),
             *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
         ]
@@ -53,12 +52,11 @@ def tolerance_rows(result: AllocationResult) -> list[list[str]]:
         before = tol.number(tol.before)
         holder = "max" if after >= tol.high * (1 - 1e-7) else "min" if after <= tol.low * (1 + 1e-7) else "-"
         if holder != "-" and price:
-            holder += f", {abs(price) / 1e3:.3g} per {'mm' if tol.unit in LENGTH.units else 'mrad'}"
+            holder += f", {abs(price) * tol.quantity.units[tol.unit]:.3g} per {tol.unit or 1}"
         if tol.grades is not None:
             holder = f"grade {tol.grade(after)}".rstrip()
-        number, symbol = tol.number(after).split(" ", 1)
         path = shortened(visible(tol.path), _MOST_LETTERS)
-        rows.append([path, before, f"{float(number):.4g} {symbol}", f"{cost:.4g}", holder])
+        rows.append([path, before, tol.number(after, 4), f"{cost:.4g}", holder])
     return rows
 
 
@@ -159,7 +157,7 @@ def part_rows(result: AllocationResult) -> list[list[str]]:
     parts = result.parts
     size = unit(parts.quantity)
     rows = [["source", f"before [{size}]", f"after [{size}]", "share after", "note"]]
-    for part, share in list(zip(parts.sources, parts.shares(), strict=True))[:_MOST_LINES]:
+    for part, share in list(zip(parts.sources, parts.shares(), strict=True))[: limited(_MOST_LINES)]:
         numbers = f"{1e3 * part.before:.4g}", f"{1e3 * part.after:.4g}", f"{100 * share:.1f} %"
         rows.append([shortened(visible(part.source), _MOST_LETTERS), *numbers, "" if part.is_chosen else _state(part)])
     return rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -40,7 +41,7 @@ _LARGEST: Final = 1e50
 
 @dataclass(frozen=True)
 class Cost:
-    """A cost that decreases with the tolerance t (m, rad) and is convex in t and t².
+    """A cost that decreases with the tolerance t (SI) and is convex in t and t².
 
     Attributes:
         kind: ``reciprocal`` c/t, ``squared`` c/t², ``power`` b t^(-k), ``exponential`` b exp(-c t), ``logarithmic`` c
@@ -76,7 +77,7 @@ class Cost:
 
 @dataclass(frozen=True, eq=False)
 class Grades(Fixed):
-    """Available tolerances (m, rad; narrowest first), their names, such as ``IT7`` or empty, and prices ``(g,)``."""
+    """Available tolerances (SI; narrowest first), their names, such as ``IT7`` or empty, and prices ``(g,)``."""
 
     names: tuple[str, ...]
     widths: Array
@@ -106,7 +107,7 @@ class Tolerance:
     Attributes:
         path: Path in the sheet.
         sign, unit: Text before its number, up to a ±, and after it.
-        before, low, high: Its value in the sheet and its bounds, m or rad.
+        before, low, high: Its value in the sheet and its bounds, SI.
         group: Tolerances of one group are equal; empty without one.
     """
 
@@ -131,9 +132,14 @@ class Tolerance:
         """Return the name of a value's grade; empty if it has none."""
         return self.cost.name_of(value) if isinstance(self.cost, Grades) else ""
 
-    def number(self, value: float) -> str:
+    @property
+    def quantity(self) -> units.Quantity:
+        """Its quantity, which its unit selects."""
+        return units.quantity_of(self.unit)
+
+    def number(self, value: float, digits: int = 9) -> str:
         """Return a value with its unit."""
-        return f"{value / units.parse(f'1 {self.unit}', units.LENGTH, units.ANGLE):.9g} {self.unit}"
+        return f"{value / self.quantity.units[self.unit]:.{digits}g} {self.unit}".rstrip()
 
     def rounded(self, value: float, unit: str) -> str:
         """Return a value as a sheet writes it, rounded down to four digits, so that every limit is still kept.
@@ -142,7 +148,7 @@ class Tolerance:
         kind, used unless a number without unit stands before the value.
         """
         unit = self.unit if any(map(str.isdigit, self.sign)) else unit
-        number = Decimal(f"{value / units.parse(f'1 {unit}', units.LENGTH, units.ANGLE):.9g}")
+        number = Decimal(f"{value / self.quantity.units[unit]:.9g}")
         return f"{self.sign}{Context(prec=4, rounding=ROUND_FLOOR).plus(number):f} {unit}"
 
     def written(self, value: float) -> str:
@@ -164,7 +170,7 @@ def read_cost(cost: object, where: str, quantity: units.Quantity, key: str) -> C
 
     Args:
         where: Prefix of messages.
-        quantity: Length or angle, as of the tolerance.
+        quantity: Quantity of the tolerance, as written.
         key: Last key of its path: a ``diameter`` is as wide as a grade, others half as wide; ``std`` is no width.
 
     Raises:
@@ -197,14 +203,19 @@ def _number(text: object, form: str, where: str, quantity: units.Quantity) -> fl
     """Return a positive number in SI; ``form`` is its unit in terms of the tolerance's. Without a unit it is in SI."""
     with prefix_errors(where):
         numbers, unit = units.split(str(text))
-    factors = {form.format(name): _factor(form, factor) for name, factor in quantity.units.items()} if form else {}
+    factors = {_unit(form, name): _factor(form, factor) for name, factor in quantity.units.items()} if form else {}
     if unit and unit not in factors:
-        expected = f"a unit such as {form.format('mm' if quantity is units.LENGTH else 'mrad')}" if form else "no unit"
+        expected = f"a unit such as {_unit(form, quantity.written or quantity.si)}" if form else "no unit"
         raise InputError(f"{where}: this number of a cost has {expected}, got {shown(text)}")
     value = numbers[0] * (factors[unit] if unit else 1.0)
     if len(numbers) != 1 or not 1 / _LARGEST <= value <= _LARGEST:
         raise InputError(f"{where}: a number of a cost must be positive, up to {_LARGEST:g} in SI, got {shown(text)}")
     return float(value)
+
+
+def _unit(form: str, name: str) -> str:
+    """Return the unit of a form; a compound unit is put in brackets: ``(mm/m)^2``."""
+    return form.format(f"({name})" if form != "{}" and re.search(r"[*/^]", name) else name)
 
 
 def _factor(form: str, factor: float) -> float:
@@ -223,8 +234,8 @@ def _read_grades(kind: str, spec: object, where: str, quantity: units.Quantity, 
         entries = [("", _width(width, where, quantity), _price(price, where)) for width, price in spec]
     elif key == "std":
         raise InputError(f"{where}: grades of ISO 286 limit widths, but this is a standard deviation; list its grades")
-    elif quantity is not units.LENGTH:
-        raise InputError(f"{where}: grades of ISO 286 are lengths, but this tolerance is an angle")
+    elif quantity != units.LENGTH:
+        raise InputError(f"{where}: grades of ISO 286 are lengths, not of the quantity {quantity.name}")
     elif not isinstance(spec, Mapping) or set(spec) != {"size", "prices"} or not isinstance(spec["prices"], Mapping):
         raise InputError(f"{where}: iso286 has a size and prices by grade, got {shown(spec)}")
     else:
@@ -261,9 +272,9 @@ def _price(text: object, where: str) -> float:
     return value
 
 
-# factors on the tolerances to find their contributions, and to check them
-_DOUBLE: Final = 2.0
+# factors on the tolerances to find their contributions, and to check them; a wider one might reach a stiffness of zero
 _HALF: Final = 0.5
+_QUARTER: Final = 0.25
 # relative error of a contribution, by the largest, above which it does not scale with its tolerance
 _RELATIVE: Final = 1e-6
 # slope, relative to the largest, that counts as rounding
@@ -288,7 +299,7 @@ class Contributions(Fixed):
 
     Attributes:
         mean: Error at the means ``(6, P)``.
-        covariance, by_tolerance: Fixed covariance ``(6, 6, P)``, and that of each tolerance of 1 m or rad ``(n, 6, 6,
+        covariance, by_tolerance: Fixed covariance ``(6, 6, P)``, and that of each tolerance of 1 (SI) ``(n, 6, 6,
             P)``.
         pairs, by_pair: Numbers of two tolerances with correlated draws, n for the unchosen rest, ``(m, 2)``; the
             contribution of their product to the covariance, ``(m, 6, 6, P)``.
@@ -331,7 +342,7 @@ def contributions(
 ) -> Contributions:
     """Return the parts of the first-order error at named poses; ``advance`` is called with 1 for each tolerance.
 
-    Each tolerance is doubled, and all are halved together: the error must be proportional, and nothing else may change.
+    Each tolerance is halved, and all are quartered together: the error must be proportional, and nothing else may change.
 
     Raises:
         InputError: A tolerance whose part is not proportional, or that changes the mean or other tolerances' parts.
@@ -341,24 +352,24 @@ def contributions(
     size = max(float(np.abs(base.mean).max(initial=0.0)), scale)
     parts, reaches = [], []
     for tol in tolerances:
-        wide = _scaled_errors(model, [tol], _DOUBLE, poses, worst_case)
-        if wide.slopes.shape != base.slopes.shape:
+        narrow = _scaled_errors(model, [tol], _HALF, poses, worst_case)
+        if narrow.slopes.shape != base.slopes.shape:
             raise NoScaleError(tol.path, f"{tol.path} changes which numbers are drawn; only a tolerance can be chosen")
-        if np.abs(wide.mean - base.mean).max() > _RELATIVE * size:
+        if np.abs(narrow.mean - base.mean).max() > _RELATIVE * size:
             raise NoScaleError(tol.path, f"{tol.path} changes the mean of the error and cannot be chosen")
-        part = _without_rounding((wide.slopes - base.slopes) / (_DOUBLE - 1), scale)
-        if not part.any() and np.array_equal(wide.deviations, base.deviations):
+        part = _without_rounding((narrow.slopes - base.slopes) / (_HALF - 1), scale)
+        if not part.any() and np.array_equal(narrow.deviations, base.deviations):
             raise NoScaleError(tol.path, f"{tol.path} changes neither a law nor the error and cannot be chosen")
         parts.append(part)
-        reaches.append((wide.reach - base.reach) / (_DOUBLE - 1))
+        reaches.append((narrow.reach - base.reach) / (_HALF - 1))
         advance(1)
     largest = max(float(base.reach.max(initial=0.0)), 1e-300)
-    # halving all at once shows whether any part is not proportional, halving one shows which
-    halved = _scaled_errors(model, tolerances, _HALF, poses, worst_case)
-    if not _is_proportional(halved, base, np.sum(parts, axis=0), scale):
+    # narrowing all at once shows whether any part is not proportional, narrowing one shows which
+    narrowed = _scaled_errors(model, tolerances, _QUARTER, poses, worst_case)
+    if not _is_proportional(narrowed, base, np.sum(parts, axis=0), scale):
         for tol, part in zip(tolerances, parts, strict=True):
             extent = max(float(np.abs(part).max(initial=0.0)), 1e-300)
-            if not _is_proportional(_scaled_errors(model, [tol], _HALF, poses, worst_case), base, part, extent):
+            if not _is_proportional(_scaled_errors(model, [tol], _QUARTER, poses, worst_case), base, part, extent):
                 reason = f"the error does not scale with {tol.path}; its law has other numbers, or it is no tolerance"
                 raise NoScaleError(tol.path, reason)
         raise InputError("allocate: tolerances change one random number together; choose one of them")
@@ -366,10 +377,10 @@ def contributions(
     values = np.array([tol.before for tol in tolerances])
     effects = tuple(ToleranceEffect.of(part / value) for part, value in zip(parts, values.tolist(), strict=True))
     pairs, by_pair = _products([*effects, ToleranceEffect.of(unchosen)], base.correlation)
-    if _differs(halved.reach, base.reach + (_HALF - 1) * sum(reaches), _RELATIVE * largest):
+    if _differs(narrowed.reach, base.reach + (_QUARTER - 1) * sum(reaches), _RELATIVE * largest):
         for tol, reached in zip(tolerances, reaches, strict=True):
-            single = _scaled_errors(model, [tol], _HALF, poses, worst_case).reach
-            if _differs(single, base.reach + (_HALF - 1) * reached, _RELATIVE * largest) and not len(pairs):
+            single = _scaled_errors(model, [tol], _QUARTER, poses, worst_case).reach
+            if _differs(single, base.reach + (_QUARTER - 1) * reached, _RELATIVE * largest) and not len(pairs):
                 raise InputError(f"allocate: the largest deviation does not scale with {tol.path}")
         paths = [*(tol.path for tol in tolerances), "what is not chosen"]
         named = [paths[k] for k in pairs[:1].ravel().tolist()]
@@ -447,7 +458,7 @@ def _covariance(first: Array, second: Array, correlation: BlockCovariance) -> Ar
 def _is_proportional(narrow: _Errors, base: _Errors, part: Array, scale: float) -> bool:
     """Return whether the error changes in proportion to its part, and no other law changes."""
     return (
-        not _differs(narrow.slopes, base.slopes + (_HALF - 1) * part, _RELATIVE * scale)
+        not _differs(narrow.slopes, base.slopes + (_QUARTER - 1) * part, _RELATIVE * scale)
         and not _differs(narrow.numbers, base.numbers, 1e-6 * float(np.abs(base.numbers).max(initial=1.0)))
         and not _differs(narrow.mean, base.mean, _RELATIVE * max(float(np.abs(base.mean).max()), scale))
     )
@@ -456,9 +467,14 @@ def _is_proportional(narrow: _Errors, base: _Errors, part: Array, scale: float) 
 def _scaled_errors(
     model: ErrorModel, tolerances: Sequence[Tolerance], factor: float, poses: Sequence[str], worst_case: bool
 ) -> _Errors:
-    return _errors(
-        changed_model(model, tolerances, np.array([factor * tol.before for tol in tolerances])), poses, worst_case
-    )
+    try:
+        scaled = changed_model(model, tolerances, np.array([factor * tol.before for tol in tolerances]))
+    except InputError as error:
+        path = tolerances[0].path
+        raise NoScaleError(
+            path, f"{path} is no tolerance, or cannot be narrowed: {error.findings[0].message}"
+        ) from None
+    return _errors(scaled, poses, worst_case)
 
 
 def _without_rounding(slopes: Array, scale: float) -> Array:

@@ -24,7 +24,6 @@ DECLARATION = Declaration(
             "position, attitude (the default: both), position.norm or |d|, position.x, dx or x, …; repeats.",
             metavar="QUANTITY", is_repeated=True, is_of_table=True, check=f"{__name__}.budget:check_quantities",
         ),
-        Option("--all", "is_whole", "List every draw, source and joint, not the ten largest.", bool, is_of_table=True),
     ),
     steps=f"{__name__}.budget:count_steps",
     unit="robots",

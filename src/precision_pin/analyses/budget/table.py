@@ -13,24 +13,23 @@ from precision_pin.analyses.result import answer_of, subject
 from precision_pin.analyses.shares import VECTORS, Shares, SourceShare
 from precision_pin.base.errors import shortened
 from precision_pin.render.tables import percent, plus_minus, symbol, unit
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited
 
 MOST_OF_NAME: Final = 40  # letters of a name in a table row
 
 
-def table(result: BudgetResult, quantities: Sequence[str] = (), *, is_whole: bool = False) -> str:
+def table(result: BudgetResult, quantities: Sequence[str] = ()) -> str:
     """Return the budget of every pose: per cent, mm and mrad, half-widths of intervals after ±.
 
     Args:
         quantities: One block each: ``position`` and ``attitude`` by default, ``position.norm``, ``position.x``, …
-        is_whole: List all draws, sources and joints instead of the ten largest.
 
     Raises:
         UnknownNameError: No such quantity.
     """
     quantities = check_quantities(quantities or VECTORS)
     lines = [*_answer(result, quantities), ""]
-    rows = sys.maxsize if is_whole else 10
+    rows = limited(10) or sys.maxsize
     for pose in result.poses:
         lines += _heads(result, pose)
         for quantity in quantities:

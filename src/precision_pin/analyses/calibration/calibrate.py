@@ -306,7 +306,8 @@ def calibrate(
     causes = find_causes(clean, fit, readings.q, groups, None if chance is None else std_free)
     mean, covariance = unit.values(fit.z), unit.root @ estimator.covariance @ unit.root.T
     is_mixed = np.diag(identifiability.set_up_projector) > design.NEGLIGIBLE
-    variances = np.where(is_mixed, np.inf, np.diag(estimator.joint_covariance)[fit.z.size :])
+    set_up_covariance = estimator.joint_covariance[fit.z.size :, fit.z.size :].copy()
+    np.fill_diagonal(set_up_covariance, np.where(is_mixed, np.inf, np.diag(set_up_covariance)))
     gross = tuple(
         GrossError(readings.lines[row], size, float(np.sqrt(distances[row])), row, rotation)
         for row in sorted(distances)
@@ -320,7 +321,7 @@ def calibrate(
         without_bounds=unit.values(fit.without_bounds),
         identifiability=identifiability,
         set_ups=tuple(
-            design.SetUp.of(part, base, fit.nuisances[columns], variances[columns])
+            design.SetUp.of(part, base, fit.nuisances[columns], set_up_covariance[np.ix_(columns, columns)])
             for part, base, columns in zip(readings.measurements, bases, clean.instruments.columns, strict=True)
         ),
         chi_square=fit.chi_square,

@@ -37,6 +37,7 @@ from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, some
+from precision_pin.base.units import Quantity
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
@@ -67,7 +68,7 @@ NEGLIGIBLE: Final = 1e-9
 class UnitNumbers:
     """Varying numbers drawn once for each robot: U columns of the space, prior means and deviations ``(U,)``, and L.
 
-    ``root`` is L, ``(U, r)``: ``x = mean + L z``.
+    ``root`` is L, ``(U, r)``: ``x = mean + L z``; ``quantities`` are what the numbers are of, ``None`` if unknown.
     """
 
     columns: NDArray[np.intp]
@@ -75,6 +76,7 @@ class UnitNumbers:
     mean: Array
     std: Array
     root: Array
+    quantities: tuple[Quantity | None, ...] = ()
 
     @classmethod
     def of(cls, space: Space) -> UnitNumbers:
@@ -92,7 +94,9 @@ class UnitNumbers:
             values, vectors = np.linalg.eigh(correlation)
             is_kept = values > NEGLIGIBLE * values[-1]
             root = std[:, None] * (vectors[:, is_kept] * np.sqrt(values[is_kept]))
-        return cls(columns, tuple(space.components[k] for k in columns), space.mean[columns], std, root)
+        quantities = [quantity for draw in space.draws for quantity in draw.known_quantities]
+        names = tuple(space.components[k] for k in columns)
+        return cls(columns, names, space.mean[columns], std, root, tuple(quantities[k] for k in columns))
 
     @cached_property
     def is_independent(self) -> bool:
@@ -327,8 +331,12 @@ class Group(Record):
     unseen: Combination | None
 
     def __str__(self) -> str:
-        text = f"{self.determined} of {len(self.names)} combinations of {', '.join(self.names)}"
-        return text if self.unseen is None else f"{text}; not seen: {self.unseen}"
+        return self.described(len(self.names))
+
+    def described(self, most: int) -> str:
+        """Return the group as text with at most so many names."""
+        text = f"{self.determined} of {len(self.names)} combinations of {some(self.names, most)}"
+        return text if self.unseen is None or most < len(self.names) else f"{text} (not seen: {self.unseen})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,7 +405,7 @@ class Identifiability(Record):
             place, along = (" ".join(f"{x + 0.0:.4g}" for x in values.round(4)) for values in line)
             return f"a turn of the base about the line through {place} mm along {along}"
         single_names = compress(self.nuisances, np.diag(self.set_up_projector) >= 1 - _ENTRY)
-        return some((*single_names, *map(str, self.set_up_combinations)), _MOST_NAMED, "; ")
+        return some((*single_names, *(f"{group} (m, rad)" for group in self.set_up_combinations)), _MOST_NAMED, "; ")
 
     @property
     def is_complete(self) -> bool:
@@ -624,7 +632,11 @@ class SetUp(Record):
         target, anchor, plane, sockets: In tool axes, ``(3,)``; in base axes ``(3,)``, point and unit normal ``(2, 3)``,
             and ``(S, 3)``; m.
         std: Standard deviation of each unknown number, m and rad; infinite where readings determine combinations only.
+        base_std: Standard deviations of the base's position and rotation vector in the instrument's axes, ``(6,)``, m and
+            rad; infinite if any of them is.
     """
+
+    KEYS: ClassVar[Keys] = ("base", "target", "anchor", "plane", "sockets", "std")
 
     base: Array | None
     target: Array
@@ -632,12 +644,14 @@ class SetUp(Record):
     plane: Array | None
     sockets: Array | None
     std: dict[str, float]
+    base_std: Array
 
     @classmethod
-    def of(cls, measurement: Measurement, base: Array, nuisances: Array, variances: Array) -> SetUp:
-        """Return the set-up from nuisances and their variances, relative to a first guess of the base."""
+    def of(cls, measurement: Measurement, base: Array, nuisances: Array, covariance: Array) -> SetUp:
+        """Return the set-up from nuisances and their covariance, relative to a first guess of the base."""
         shift, rotation, target, _ = measurement.split(nuisances[:, None])
         anchor = fitted_base = plane = sockets = None
+        base_std = np.full(6, np.inf)
         place, offset = measurement.place, shift[:, 0]
         if isinstance(place, Anchor):
             anchor = np.array(place.place) + offset
@@ -647,6 +661,10 @@ class SetUp(Record):
             sockets = np.array(place.places) + offset.reshape(-1, 3)
         elif rotation is not None:
             fitted_base = base @ se3.displacement(nuisances[:6])
-        deviations = np.sqrt(np.maximum(variances, 0.0)).tolist()
+            if np.isfinite(covariance[:6, :6]).all():
+                by_turn = se3.left_jacobian_inverse(se3.log_rotation(fitted_base[:3, :3])) @ base[:3, :3]
+                slopes = scipy.linalg.block_diag(base[:3, :3], by_turn @ se3.left_jacobian(nuisances[3:6]))
+                base_std = np.sqrt(np.maximum(np.diag(slopes @ covariance[:6, :6] @ slopes.T), 0.0))
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
         std = dict(zip(measurement.nuisances, deviations, strict=True))
-        return cls(fitted_base, target[:, 0], anchor, plane, sockets, std)
+        return cls(fitted_base, target[:, 0], anchor, plane, sockets, std, base_std)

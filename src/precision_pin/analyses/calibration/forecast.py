@@ -29,6 +29,7 @@ from precision_pin.base.arguments import check_items, check_name, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Estimates, Space
@@ -61,12 +62,16 @@ class Posterior(Record):
     covariance: Array
     prior_mean: Mapping[str, float]
     prior_std: Mapping[str, float]
+    units: Mapping[str, WrittenUnit]
+    """Display unit of each number."""
 
     @classmethod
     def of(cls, unit: UnitNumbers, mean: Array, covariance: Array) -> Posterior:
         """Return the posterior of the numbers of a space."""
         means, priors, std = (dict(zip(unit.names, a.tolist(), strict=True)) for a in (mean, unit.mean, unit.std))
-        return cls(unit.names, means, covariance, priors, std)
+        of = zip(unit.names, unit.quantities, unit.std.tolist(), strict=True)
+        units = {name: WrittenUnit.suiting(quantity, [size]) for name, quantity, size in of}
+        return cls(unit.names, means, covariance, priors, std, units)
 
     @cached_property
     def std(self) -> Mapping[str, float]:

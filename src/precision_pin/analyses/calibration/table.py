@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
-from precision_pin.analyses.calibration.design import Identifiability, SetUp, stations_of_data
+from precision_pin.analyses.calibration.design import Identifiability, SetUp, UnitNumbers, stations_of_data
 from precision_pin.analyses.calibration.fit import EstimatedStd
 from precision_pin.analyses.calibration.forecast import (
     ROBOTS,
@@ -24,10 +24,12 @@ from precision_pin.analyses.calibration.forecast import (
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import FactoryCalibration, Population
 from precision_pin.analyses.provenance import Provenance
+from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import shortened, shown, some, visible
+from precision_pin.base.written_units import WrittenUnit
 from precision_pin.render.tables import milli, resting_on
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import format_inside
 
@@ -35,7 +37,7 @@ MOST_NUMBERS: Final = 15
 """Maximum number of rows in the table of estimates."""
 MOST_READINGS: Final = 8
 """Maximum number of rows in the table of the worst readings."""
-LEARNED: Final = "SI units; learned: the share of the prior variance that the readings remove"
+LEARNED: Final = "learned: the share of the prior variance that the readings remove"
 LEFT_OUT: Final = (
     "std: the residual in standard deviations of the reading, instrument and repeatability together; left out: its residual of a "
     "fit without it"
@@ -56,6 +58,10 @@ _SEAT: Final = 34
 """Maximum number of characters of the name of a displaced joint or tip."""
 _ROWS: Final = 8
 """Maximum number of combinations, sockets and names listed; a curve has up to two columns more."""
+_NAMED: Final = 4
+"""Maximum number of numbers named of a combination."""
+_PARAGRAPH: Final = 400
+"""Maximum number of characters of the paragraph about combinations: up to five lines."""
 _TOLERANCES: Final = 60
 """Maximum number of tolerances in the table."""
 _HEAD: Final = 9
@@ -118,7 +124,7 @@ def calibration_table(result: CalibrationResult) -> str:
         *_poses(result),
         "",
         # no space for the mean of the sheet next to a long name; it is in the JSON and the report
-        *aligned(_spaced([[row[0], *row[2:]] for row in estimate_rows(result)])),
+        *aligned([[*row[:2], *row[3:]] for row in estimate_rows(result, limited(MOST_NUMBERS))]),
         *_learned_notes(len(result.posterior.names)),
         "",
         *aligned(_spaced(reading_rows(result))),
@@ -310,7 +316,7 @@ def pose_rows(result: PosesOutcome) -> list[list[str]]:
     """Return a header and a row for each of the user's poses, mm; where there are many the twelve with most left, worst first."""
     columns, entries = ["before", "after", *["seen"] * result.measurement.displaces_base], list(result.poses)
     if len(entries) > _POSES:
-        entries = sorted(entries, key=lambda entry: -entry.rms("after"))[:_POSES]
+        entries = sorted(entries, key=lambda entry: -entry.rms("after"))[: limited(_POSES)]
     rows = [["pose, mm", *(f"{error} {statistic}" for error in columns for statistic in ("rms", "95 %")), "floor rms"]]
     for entry in entries:
         cells = [text for error in columns for text in (milli(entry.rms(error), 3), _quantile_text(entry, error))]
@@ -331,8 +337,7 @@ def explanation(result: PosesOutcome) -> str:
 
 def poses_with_less(result: PosesOutcome) -> list[str]:
     """Return a line on the poses that :func:`pose_rows` omits; none if it has all."""
-    remaining = len(result.poses) - _POSES
-    return [f"… and {remaining:,} poses with less left"] if remaining > 0 else []
+    return remainder(len(result.poses) - (limited(_POSES) or len(result.poses)), "poses with less left")
 
 
 def _poses(result: PosesOutcome) -> list[str]:
@@ -340,10 +345,11 @@ def _poses(result: PosesOutcome) -> list[str]:
 
 
 def _learned(posterior: Posterior) -> list[str]:
-    rows = [["number", "", "prior std", "std after", "learned"]]
-    for name in _most_learned(posterior)[:MOST_NUMBERS]:
-        before, after = f"{posterior.prior_std[name]:.3g}", f"{posterior.std[name]:.3g}"
-        rows.append([shortened(name, _NAME), "", before, after, f"{100 * posterior.learned[name]:.1f} %"])
+    rows = [["number", "unit", "prior std", "std after", "learned"]]
+    for name in _most_learned(posterior)[: limited(MOST_NUMBERS)]:
+        unit = posterior.units[name]
+        before, after = (f"{std[name] * unit.per_si:.3g}" for std in (posterior.prior_std, posterior.std))
+        rows.append([shortened(name, _NAME), unit.name, before, after, f"{100 * posterior.learned[name]:.1f} %"])
     return [*aligned(rows), *_learned_notes(len(posterior.names))]
 
 
@@ -351,21 +357,22 @@ def _most_learned(posterior: Posterior) -> list[str]:
     return sorted(posterior.names, key=lambda name: -posterior.learned[name])
 
 
-def estimate_rows(result: CalibrationResult, most: int = MOST_NUMBERS) -> list[list[str]]:
-    """Return a header and up to ``most`` rows of numbers, best learned first; SI units."""
+def estimate_rows(result: CalibrationResult, most: int | None) -> list[list[str]]:
+    """Return a header and up to ``most`` rows of numbers, or all, best learned first, each in its unit."""
     posterior = result.posterior
-    rows = [["number", "prior mean", "prior std", "estimate", "95 % from", "to", "learned"]]
+    rows = [["number", "unit", "prior mean", "prior std", "estimate", "95 % from", "to", "learned"]]
     for name in _most_learned(posterior)[:most]:
         values = (posterior.prior_mean[name], posterior.prior_std[name], posterior.mean[name], *result.interval(name))
-        cells = [*(f"{value + 0.0:.3g}" for value in values), f"{100 * posterior.learned[name]:.1f} %"]
-        rows.append([shortened(name, _NAME - 4), *cells])
+        # a number that was not learned differs from its prior mean by rounding
+        unit, step = posterior.units[name], 1e-9 * posterior.prior_std[name]
+        cells = [f"{float(np.round(value / step)) * step * unit.per_si + 0.0:.3g}" for value in values]
+        cells.append(f"{100 * posterior.learned[name]:.1f} %")
+        rows.append([shortened(name, _NAME - 4), unit.name, *cells])
     return rows
 
 
 def _learned_notes(count: int) -> list[str]:
-    if count <= MOST_NUMBERS:
-        return [LEARNED]
-    return [LEARNED, f"… and {count - MOST_NUMBERS:,} numbers of which less is learned; all are in the JSON"]
+    return [LEARNED, *remainder(count - (limited(MOST_NUMBERS) or count), "numbers of which less is learned")]
 
 
 def identifiability_lines(result: Identifiability) -> list[str]:
@@ -376,22 +383,23 @@ def identifiability_lines(result: Identifiability) -> list[str]:
         "(units of prior std and noise)"
     ]
     if result.unseen:
-        lines.append(f"not seen at all: {some(result.unseen, _ROWS)}")
-    lines += [f"only combinations: {group}" for group in result.combinations[:_ROWS]]
-    if len(result.combinations) > _ROWS:
-        lines.append(f"… and {len(result.combinations) - _ROWS} more groups")
-    return lines
+        lines.append(f"not seen at all: {some(result.unseen, limited(_ROWS) or len(result.unseen))}")
+    groups = [group.described(limited(_NAMED) or len(group.names)) for group in result.combinations]
+    sizes = np.cumsum([len(group) for group in groups])
+    shown_count = max(int((sizes <= (limited(_PARAGRAPH) or math.inf)).sum()), 1)
+    others = remainder(len(groups) - shown_count, "groups")
+    return lines + [f"only combinations: {'; '.join([*groups[:shown_count], *others])}"] * bool(groups)
 
 
 def _curve(title: str, points: Sequence[CurvePoint], per_si: float) -> list[str]:
-    last_points = points if len(points) <= _ROWS + 2 else points[-(_ROWS + 2) :]
+    last_points = points[-(limited(_ROWS + 2) or len(points)) :]
     head = [title, "", *(f"{point.value * per_si:.4g}" for point in last_points)]
     return aligned([head, ["", "", *(milli(point.rms_position, 3) for point in last_points)]])
 
 
 def reading_rows(result: CalibrationResult) -> list[list[str]]:
     """Return a header and a row for each of the readings farthest from the calibrated arm, the worst first, mm."""
-    worst = WorstReadings.of(result, MOST_READINGS)
+    worst = WorstReadings.of(result, limited(MOST_READINGS))
     rows = [["worst readings, mm", "residual", "std", "left out", "weight"]]
     for k, row in enumerate(worst.rows):
         left_out = float((result.left_out[row, :3] ** 2).sum() ** 0.5)
@@ -419,24 +427,41 @@ def set_up_lines(set_ups: Sequence[SetUp]) -> list[str]:
 
 
 def _set_up_lines(set_up: SetUp) -> list[str]:
+    lines: list[str] = []
+
     def is_estimated(part: str) -> bool:
         return any(name.startswith(part) for name in set_up.std)
 
-    lines = []
+    def add(name: str, place: Array, part: str, first: int = 0) -> None:
+        deviations = [std for number, std in set_up.std.items() if number.startswith(part)][first : first + 3]
+        lines.append(f"{name}, estimated (± std): {_with_std(1e3 * place, 1e3 * np.array(deviations))} mm")
+
     if set_up.base is not None:
-        lines.append(f"base of the robot in the instrument's axes, estimated: {_point(set_up.base[:3, 3])} mm")
+        base, std = set_up.base, set_up.base_std
+        turn = _with_std(np.degrees(se3.log_rotation(base[:3, :3])), np.degrees(std[3:]))
+        place = f"{_with_std(1e3 * base[:3, 3], 1e3 * std[:3])} mm, rotation vector {turn} °"
+        lines.append(f"base of the robot in the instrument's axes, estimated (± std): {place}")
     if is_estimated("target"):
         name = next(name for name in set_up.std if name.startswith("target")).partition(".")[0]
-        lines.append(f"{name} in tool axes, estimated: {_point(set_up.target)} mm")
+        add(f"{name} in tool axes", set_up.target, "target")
     if set_up.plane is not None and is_estimated("plane"):
         height, normal = 1e3 * float(set_up.plane[0] @ set_up.plane[1]), " ".join(f"{x:.6f}" for x in set_up.plane[1])
         lines.append(f"plane in base axes, estimated: normal {normal}, {height:.6g} mm from the base's origin")
     if set_up.sockets is not None and is_estimated("socket"):
-        for k, place in enumerate(set_up.sockets[:_ROWS]):
-            lines.append(f"socket {k + 1} in base axes, estimated: {_point(place)} mm")
+        for k, socket in enumerate(set_up.sockets[: limited(_ROWS)]):
+            add(f"socket {k + 1} in base axes", socket, "socket", 3 * k)
     if set_up.anchor is not None and is_estimated("anchor"):
-        lines.append(f"anchor in base axes, estimated: {_point(set_up.anchor)} mm")
+        add("anchor in base axes", set_up.anchor, "anchor")
     return lines
+
+
+def _with_std(values: Array, deviations: Array) -> str:
+    """Return three numbers to two digits of their standard deviations, each with it."""
+    cells = []
+    for value, std in zip(values.tolist(), deviations.tolist(), strict=True):
+        decimals = max(0, 1 - math.floor(math.log10(std))) if 0 < std < math.inf else 3
+        cells.append(f"{value:.{decimals}f} ± {f'{std:.{decimals}f}' if std < math.inf else 'unknown'}")
+    return ", ".join(cells)
 
 
 class WorstReadings(NamedTuple):
@@ -464,7 +489,7 @@ class WorstReadings(NamedTuple):
     anchor: Array | None
 
     @classmethod
-    def of(cls, result: CalibrationResult, most: int) -> WorstReadings:
+    def of(cls, result: CalibrationResult, most: int | None) -> WorstReadings:
         """Return the worst readings of a calibration, ``most`` of them or all."""
         sizes = np.linalg.norm(result.residuals[:, :3], axis=1)
         rows = np.argsort(-sizes, kind="stable")[:most]
@@ -524,21 +549,25 @@ def population_table(result: Population) -> str:
     of = result.provenance
     changed = [tolerance for tolerance in result.tolerances if not tolerance.agrees]
     verdict = f"{len(changed):,} of {len(result.tolerances):,} tolerances are other than the sheet's"
-    rows = [["draw", "", "measured std", "of the sheet's", f"{100 * result.confidence:g} %", "interval", ""]]
+    numbers = UnitNumbers.of(result.model.space)
+    quantities = dict(zip(numbers.names, numbers.quantities, strict=True))
+    rows = [["draw", "unit", "measured std", "of the sheet's", f"{100 * result.confidence:g} %", "interval", ""]]
     order = sorted(result.tolerances, key=lambda tolerance: (tolerance.agrees, -tolerance.scale))
-    for tolerance in order[:_TOLERANCES]:
+    for tolerance in order[: limited(_TOLERANCES)]:
+        unit = WrittenUnit.suiting(quantities[tolerance.numbers[0]], [tolerance.std])
         high = f"{tolerance.high:.3g}" if tolerance.high < float("inf") else "no limit"
         mark = "" if tolerance.agrees else "other"
         name = shortened(" and ".join(tolerance.names), _NAME)
-        rows.append([name, "", f"{tolerance.std:.3g}", f"{tolerance.scale:.3g}", f"{tolerance.low:.3g}", high, mark])
+        interval = [f"{tolerance.low:.3g}", high]
+        rows.append([name, unit.name, f"{tolerance.std * unit.per_si:.3g}", f"{tolerance.scale:.3g}", *interval, mark])
     lines = [
         f"{result.robots:,} robots {_arm(of)}: {verdict}",
         f"means {'estimated too, restricted likelihood' if result.means == 'estimated' else 'of the sheet'}; likelihood ratio "
         f"to the sheet's {result.log_likelihood_ratio:.4g} (chi-square of {len(result.tolerances)} where the sheet is right)",
         "",
         *aligned(rows),
-        *([f"… and {len(order) - _TOLERANCES:,} more in the JSON"] if len(order) > _TOLERANCES else []),
-        "std in SI units; of the sheet's: measured over the sheet's standard deviation; profile likelihood",
+        *remainder(len(order) - (limited(_TOLERANCES) or len(order)), "tolerances"),
+        "of the sheet's: measured over the sheet's standard deviation; profile likelihood",
     ]
     if result.unseen:
         lines.append(f"no reading shows {', '.join(map(visible, result.unseen))}")

@@ -28,7 +28,7 @@ from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import milli, resting_on, symbol
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.blocks import first_order_skewness
 from precision_pin.sampling.result import MonteCarloResult
@@ -525,6 +525,7 @@ def _variances(model: ErrorModel, q: Array) -> Mapping[str, float]:
 
 _SHOWN: Final = (("position.norm", "mm"), ("attitude.norm", "mrad"))
 _MOST_LETTERS: Final = 30  # of a name in a column
+_MOST_CHANGES, _MOST_CAUSES = 20, 8  # differences between two sheets, and sources, listed
 
 
 def comparison_table(result: ComparisonResult) -> str:
@@ -545,11 +546,10 @@ def comparison_table(result: ComparisonResult) -> str:
         lines += ["", f"{shown(name)}{other}"]
         rows = [
             [f"  {shortened(visible(change.path), 50)}", _value(change.before), "->", _value(change.after)]
-            for change in changes[:20]
+            for change in changes[: limited(_MOST_CHANGES)]
         ]
         lines += aligned(rows) if rows else []
-        hidden_count = len(changes) - len(rows)
-        lines += [f"  and {hidden_count:,} more: --json FILE writes all"] if hidden_count > 0 else []
+        lines += [f"  {line}" for line in remainder(len(changes) - len(rows))]
     return "\n".join([*lines, *resting_on(run.assumed, run.sources, run.origins, run.origins_at)])
 
 
@@ -610,14 +610,15 @@ def _causes(result: ComparisonResult, pose: PoseComparison) -> list[str]:
     """Return the largest lines of sources, by their largest contribution to the variance in any model."""
     names = dict.fromkeys(name for variance in pose.variances for name in variance)
     largest = {name: max(variance.get(name, 0.0) for variance in pose.variances) for name in names}
-    top_names = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0][:8]
+    ranked = [name for name in sorted(names, key=lambda name: -largest[name]) if largest[name] > 0]
+    top_names = ranked[: limited(_MOST_CAUSES)]
     head = ["variance of the position, mm²", *(shortened(visible(name), _MOST_LETTERS) for name in result.names)]
     rows = [
         [shortened(visible(name), _MOST_LETTERS), *(_variance(variance.get(name)) for variance in pose.variances)]
         for name in top_names
     ]
     total = ["all", *(_variance(sum(variance.values())) for variance in pose.variances)]
-    return aligned([head, *rows, total])
+    return [*aligned([head, *rows, total]), *remainder(len(ranked) - len(rows), "sources")]
 
 
 def _variance(value: float | None) -> str:

@@ -5,30 +5,33 @@ from pathlib import Path
 from typing import Any
 
 from precision_pin.analyses.declaration import DECIDE, OUTPUT, Asked, Declaration, Files, Job, Option, PagePart
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import InputError, some
+
+_MOST_NAMED = 10  # poses without a correction named in a note
 
 
 def prepare(request: Asked) -> Job:
-    """Return the compensation of a command line; corrected joint values are written if every pose has them."""
+    """Return the compensation of a command line; those of corrected poses are written."""
     from precision_pin.analyses.compensation.compensate import compensate
-    from precision_pin.analyses.compensation.table import corrected_csv
+    from precision_pin.analyses.compensation.table import corrected_csv, uncorrected_poses
     from precision_pin.base.files import write_text
     from precision_pin.model.error_model import ErrorModel
 
     options, poses = request.options, request.read_pose_set()
 
     def write(result: Any) -> tuple[str, ...]:
-        if not result.is_complete:
-            is_missed = options["csv_path"] is not None or options["out"] is not None
-            return ("the corrected joint values are not written: not every pose has them",) * is_missed
-        if options["csv_path"] is not None:
+        missing, is_asked = uncorrected_poses(result), options["csv_path"] is not None or options["out"] is not None
+        if options["csv_path"] is not None and len(missing) < len(poses):
             write_text(Path(options["csv_path"]), corrected_csv(result, poses.columns))
-        return ()
+        end = "" if len(missing) < len(poses) else "; they are not written"
+        count = f"{len(missing):,} of {len(poses):,} poses: {some(missing, _MOST_NAMED)}"
+        return (f"the corrected joint values lack {count}{end}",) * bool(missing and is_asked)
 
     def files(result: Any) -> Files:
         from precision_pin.analyses.compensation.figure import figure
 
-        texts = {"corrected.csv": corrected_csv(result, poses.columns)} if result.is_complete else {}
+        is_any = "corrected" in result.correction.status
+        texts = {"corrected.csv": corrected_csv(result, poses.columns)} if is_any else {}
         return Files({"compensation": figure(result)}, texts)
 
     return Job(

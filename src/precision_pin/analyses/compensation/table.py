@@ -8,13 +8,14 @@ from typing import Final
 import numpy as np
 
 from precision_pin.analyses.compensation.compensate import CompensationResult
-from precision_pin.base.errors import shortened, shown, visible
+from precision_pin.base.errors import shortened, shown, some, visible
 from precision_pin.base.files import csv_text
 from precision_pin.render.tables import resting_on
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.robot.joint_columns import Column, joint_columns
 
 _MOST_ROWS: Final = 20  # poses listed, the largest errors first
+_MOST_NAMED: Final = 3  # poses without a correction named in a sentence
 _MOST_LETTERS: Final = 16  # of a name in a table row
 _MOST_OF_JOINT: Final = 40  # letters of a joint name with a single pose
 _DECIMALS: Final = 4  # of corrected joint values
@@ -37,8 +38,7 @@ def compensation_table(result: CompensationResult) -> str:
     lines = [*headline(result), "", *setting_lines(result), ""]
     lines += ["corrected joint values", *aligned(joints), ""] if len(joints) > 1 else []
     lines += aligned(rows)
-    hidden = len(result.poses) - len(rows) + 1
-    lines += [f"{hidden:,} more poses are in the JSON"] if hidden else []
+    lines += remainder(len(result.poses) - len(rows) + 1, "poses")
     lines += [f"{reason}: {text}" for reason, text in _REASONS.items() if reason in result.correction.status]
     run = result.provenance
     lines += ["", EXPLANATION, *resting_on(run.assumed, run.sources, run.origins, run.origins_at)]
@@ -79,19 +79,27 @@ def headline(result: CompensationResult) -> list[str]:
         f"95 % quantile of |d| of a normal law, first order: {1e3 * before.max():.4g} mm at the worst pose before, "
         f"{1e3 * after.max():.4g} mm after; not sampled"
     )
-    uncorrected = int((~is_known).sum())
-    lines += [f"{uncorrected:,} of {len(names):,} poses have no correction"] if uncorrected else []
+    uncorrected = uncorrected_poses(result)
+    lines += [
+        f"{len(uncorrected):,} of {len(names):,} poses have no correction: {some(uncorrected, _MOST_NAMED)}"
+    ] * bool(uncorrected)
     return lines
+
+
+def uncorrected_poses(result: CompensationResult) -> list[str]:
+    """Return the poses without a correction, each with its status."""
+    pairs = zip(result.poses.labels, result.correction.status, strict=True)
+    return [f"{shown(label)} ({status})" for label, status in pairs if status != "corrected"]
 
 
 def _list_poses(result: CompensationResult) -> list[int]:
     """Return the poses of the rows: of many, those without a correction first."""
-    poses = list(range(len(result.poses)))
-    if len(poses) <= _MOST_ROWS:
+    poses, most = list(range(len(result.poses))), limited(_MOST_ROWS)
+    if most is None or len(poses) <= most:
         return poses
     size = np.linalg.norm(result.correction.before[:3], axis=0)
     status = result.correction.status
-    return sorted(poses, key=lambda pose: (status[pose] == "corrected", -np.nan_to_num(size[pose])))[:_MOST_ROWS]
+    return sorted(poses, key=lambda pose: (status[pose] == "corrected", -np.nan_to_num(size[pose])))[:most]
 
 
 def pose_rows(result: CompensationResult) -> list[list[str]]:
@@ -144,8 +152,10 @@ def _text(value: float) -> str:
 def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) -> str:
     """Return the corrected joint values as ``--trajectory`` reads them: names, then a row for each pose.
 
-    ``columns`` gives the columns with their units; by default times, then the chain's order, in s, degrees and mm.
+    Poses without a correction are left out. ``columns`` gives the columns with their units; by default times, then the
+    chain's order, in s, degrees and mm.
     """
+    is_corrected = np.array(result.correction.status) == "corrected"
     times = result.poses.times
     columns_of = {name: result.corrected[row] for row, name in enumerate(result.joints)}
     order = list(columns)
@@ -154,6 +164,6 @@ def corrected_csv(result: CompensationResult, columns: Sequence[Column] = ()) ->
         order += joint_columns(result.joints, result.prismatic)
     if times is not None:
         columns_of[""] = times
-    values = [(columns_of[column.joint] / column.factor).tolist() for column in order]
+    values = [(columns_of[column.joint][is_corrected] / column.factor).tolist() for column in order]
     rows = [[repr(value) for value in row] for row in zip(*values, strict=True)]
     return csv_text([column.heading for column in order], rows)

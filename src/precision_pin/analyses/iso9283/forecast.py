@@ -185,7 +185,7 @@ def _measured_point(target: ArrayLike | None) -> Array:
     needs = "three numbers in tool axes, in m or with a unit"
     point = arguments.check_quantities("the target", target, LENGTH, (3,), needs)
     if np.abs(point).max() > _FARTHEST_TARGET:
-        raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()}")
+        raise InputError(f"the target must lie within {_FARTHEST_TARGET:,.0f} m of the tip, got {point.tolist()} m")
     return point
 
 

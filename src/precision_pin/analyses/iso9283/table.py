@@ -9,7 +9,7 @@ import numpy as np
 from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, FigureLaw, Iso9283Result
 from precision_pin.base.errors import shown, visible
 from precision_pin.render.tables import ROUNDING, milli, plain, resting_on
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited
 from precision_pin.sampling.table import verdict_line
 from precision_pin.statistics import SpecificationResult, format_inside
 from precision_pin.statistics.intervals import format_interval
@@ -96,14 +96,14 @@ def verdict(measured: Comparison) -> str:
     parts = [
         f"{entry.name}{f' at {entry.pose}' if entry.pose else ''} {milli(entry.value, 3)} {_unit(entry.name)} "
         f"({'above' if entry.below > 0.5 else 'below'} {_percent(max(entry.below, 1 - entry.below))})"
-        for entry in measured.differing[:_MOST_DIFFERING]
+        for entry in measured.differing[: limited(_MOST_DIFFERING)]
     ]
     unlisted = len(measured.differing) - len(parts)
     return (
         f"measured: DIFFERS - {len(measured.differing)} of {count} outside what the sheet forecasts (p = "
         f"{measured.probability:.2g}, corrected for their number; limit {LEAST:g}), above or below so many of the "
         f"simulated robots: {'; '.join(parts)}"
-        f"{f'; and {unlisted} more' if unlisted > 0 else ''}"
+        f"{f'; and {unlisted} more: --all' if unlisted > 0 else ''}"
     )
 
 

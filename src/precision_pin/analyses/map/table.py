@@ -10,7 +10,7 @@ from precision_pin.analyses.map.map_poses import MapResult
 from precision_pin.analyses.map.map_verdicts import MapVerdict
 from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import milli, resting_on
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.robot.pose_set import OBSTRUCTED
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.sampling.table import demanded
@@ -21,6 +21,8 @@ from precision_pin.statistics.intervals import format_interval
 _MOST_ROWS: Final = 12
 # number of poses listed otherwise, worst first
 _WORST_ROWS: Final = 10
+# number of specifications for whose columns a terminal has room
+_MOST_SPECS: Final = 4
 _MOST_LETTERS: Final = 17  # of a name in a table row
 # smallest fraction resolved by the closed form: its integral is accurate to this
 _SMALLEST: Final = 1e-7
@@ -42,9 +44,9 @@ def map_table(result: MapResult) -> str:
         "",
         *aligned([list(rows[0]), *(list(row.values()) for row in rows)]),
     ]
-    hidden_count = len(result.worst_first) - len(_list_poses(result))
     marks = "spec: share inside, * not met, ? undecided; " if result.specifications else ""
-    lines += [f"and {hidden_count:,} more poses: --json FILE writes all"] if hidden_count else []
+    lines += remainder(len(result.worst_first) - len(rows), "poses")
+    lines += remainder(len(result.specifications) - len(result.specifications[: limited(_MOST_SPECS)]), "specs")
     lines += [
         "",
         "quantiles of |d| in mm, |δ| in mrad, closed form; limits: of the exact 95 %, whatever the laws;",
@@ -126,7 +128,7 @@ def _verdict(result: MapResult, verdict: MapVerdict) -> str:
 
 def _list_poses(result: MapResult) -> list[int]:
     worst = result.worst_first
-    return sorted(worst) if len(worst) <= _MOST_ROWS else worst[:_WORST_ROWS]
+    return sorted(worst) if len(worst) <= _MOST_ROWS else worst[: limited(_WORST_ROWS)]
 
 
 def _cells(result: MapResult, pose: int) -> dict[str, str]:
@@ -141,8 +143,7 @@ def _cells(result: MapResult, pose: int) -> dict[str, str]:
     cells |= {"|δ| 95 %": _number(result.quantile[_LEVEL, 1, pose])}
     if result.relative is not None:
         cells["relative"] = _number(result.relative.quantile[_LEVEL, 0, pose])
-    # a terminal has room for four
-    ranks = range(len(result.specifications[:4]))
+    ranks = range(len(result.specifications[: limited(_MOST_SPECS)]))
     cells |= {f"spec {rank + 1}": _share_inside(result, rank, pose) for rank in ranks}
     if not has_several and (result.relative is None or not result.specifications):
         cells["cause"] = shortened(visible(result.dominant_source[pose]), _MOST_LETTERS) or "-"

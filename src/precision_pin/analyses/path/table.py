@@ -7,7 +7,7 @@ from typing import Final
 from precision_pin.analyses.path.path_law import PathResult
 from precision_pin.base.errors import shortened, shown, visible
 from precision_pin.render.tables import resting_on, symbol
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.sampling.table import demanded, verdict_line
 from precision_pin.statistics import format_inside, format_share
 from precision_pin.statistics.intervals import format_interval, round_end
@@ -40,8 +40,7 @@ def path_table(result: PathResult) -> str:
         "",
         *aligned(pose_rows(result)),
     ]
-    hidden = len(result.poses) - len(_list_poses(result))
-    lines += [f"and {hidden:,} more poses: --json FILE writes all"] if hidden else []
+    lines += remainder(len(result.poses) - len(_list_poses(result)), "poses")
     lines += [
         "",
         f"|d|, |δ|: {share} quantile at the pose; largest here: robots with their largest error of the path there",
@@ -146,4 +145,4 @@ def _list_poses(result: PathResult) -> list[int]:
     if len(poses) <= _MOST_ROWS:
         return list(poses)
     shares, curve = result.share_of_maximum[0], result.curve[0]
-    return sorted(sorted(poses, key=lambda pose: (-shares[pose], -curve[pose]))[:_WORST_ROWS])
+    return sorted(sorted(poses, key=lambda pose: (-shares[pose], -curve[pose]))[: limited(_WORST_ROWS)])

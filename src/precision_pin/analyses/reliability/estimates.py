@@ -19,7 +19,7 @@ LARGEST_VARIATION: Final = 0.3
 """Largest coefficient of variation of a resolved estimate."""
 
 ENOUGH_VARIATION: Final = 0.1
-"""Largest coefficient of variation with which plain sampling decides alone."""
+"""Largest coefficient of variation with which plain sampling can decide alone."""
 
 LARGEST_UNKNOWN: Final = 0.1
 """Largest fraction of the probability in strata without an estimate."""
@@ -67,7 +67,7 @@ class Verdict:
     Attributes:
         best: The estimate.
         resolved: True if it is resolved; otherwise it is plain sampling's, of which only the interval is meaningful.
-        reason: Why it is not resolved; empty if it is.
+        reason: Why it is not resolved, or why a narrower interval is not used; else empty.
         contradictions: Contradictions between estimates, one line each.
     """
 
@@ -152,13 +152,15 @@ def agree(first: Estimate, second: Estimate, confidence: float = _AGREEING) -> b
 def judged(estimates: Sequence[Estimate]) -> Verdict:
     """Return the estimate to use.
 
-    Plain sampling is used where its coefficient of variation is at most a tenth. Otherwise it is the first of the other
-    resolved estimates in the given order, not the one with the smallest stated error, because an estimate that is too
-    low also understates its error. None of them may contradict the others or the samples. Where the samples contain too
-    few failures for an estimate of their own, two of the others are required.
+    Plain sampling that saw enough failures for an estimate of its own is compared with the first of the other resolved
+    estimates in the given order, not the one with the smallest stated error, because an estimate that is too low also
+    understates its error; the narrower interval is used. Below a coefficient of variation of a tenth, plain sampling
+    decides alone unless both others are resolved, as each by itself may miss a region of failures. Where the samples
+    contain too few failures for an estimate of their own, two of the others are required. None of them may contradict
+    the others or the samples.
 
-    Each pair is compared at 99 %. Where plain sampling decides, a contradiction has no effect but is reported; there
-    the 99 % apply to all pairs, up to three, together (Bonferroni).
+    Each pair is compared at 99 %. Where plain sampling could decide alone, a contradiction leaves the verdict to it and
+    is reported; there the 99 % apply to all pairs, up to three, together (Bonferroni).
     """
     plain, others = estimates[0], [estimate for estimate in estimates[1:] if estimate.resolved]
     pairs = [(first, second) for k, first in enumerate((plain, *others)) for second in others[k:]]
@@ -169,12 +171,13 @@ def judged(estimates: Sequence[Estimate]) -> Verdict:
         for first, second in pairs
         if not agree(first, second, confidence)
     )
-    if decides:
-        return Verdict(plain, True, "", lines)
     if lines:
-        return Verdict(plain, False, "the methods disagree", lines)
+        return Verdict(plain, decides, "" if decides else "the methods disagree", lines)
     if plain.resolved:
-        return Verdict(others[0] if others else plain, True, "", ())
+        best = min([plain, *others[:1]], key=lambda estimate: estimate.interval[1] - estimate.interval[0])
+        if decides and best is not plain and len(others) < 2:
+            return Verdict(plain, True, f"no second estimate confirms {best.method}'s narrower interval", ())
+        return Verdict(best, True, "", ())
     if len(others) < 2:
         reason = f"only {others[0].method} gave an estimate" if others else "no method gave an estimate"
         return Verdict(plain, False, f"{reason}, but two agreeing estimates are needed", ())

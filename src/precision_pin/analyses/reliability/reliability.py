@@ -115,7 +115,8 @@ class SpecificationReliability(RareEvents, Record):
         means = "the verdict is the same by every method"
         if len(self._verdicts()) > 1:
             means = "the verdict differs between the methods; the samples' interval, which is always valid, decides"
-        return (*(f"{means}; {line}" for line in self.contradictions), *self.remarks)
+        unused = (f"the samples decide; {self.reason}",) if self.resolved and self.reason else ()
+        return (*(f"{means}; {line}" for line in self.contradictions), *unused, *self.remarks)
 
     @property
     def probability(self) -> float:

@@ -12,6 +12,7 @@ from precision_pin.analyses.reliability.reliability import METHOD_COLUMNS, Relia
 from precision_pin.analyses.result import subject
 from precision_pin.render.columns import text_lines
 from precision_pin.render.tables import resting_on
+from precision_pin.render.text_table import limited, remainder
 from precision_pin.sampling.table import NOTHING_VARIES, demanded
 
 LISTED: Final = 6
@@ -64,13 +65,18 @@ def _form_lines(entry: SpecificationReliability) -> list[str]:
     if not entry.failures or form.range is None:
         return [f"  FORM  {form.starts} starts led to no design point within 8.2 standard deviations"]
     point = entry.failures[0]
-    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in list(point.importance.items())[:LISTED])
+    shares = ", ".join(
+        f"{name} {100 * share:.1f} %" for name, share in list(point.importance.items())[: limited(LISTED)]
+    )
+    others = "".join(
+        f"; {line}" for line in remainder(len(point.importance) - (limited(LISTED) or len(point.importance)))
+    )
     count = len(form.points)
     union = "" if count == 1 else f"; all together {form.range[1]:.3g} at most if all were flat"
     return [
         f"  FORM  β {point.beta:.6g}, Φ(-β) {point.probability:.3g}; {count} distinct design "
         f"point{'' if count == 1 else 's'} from {form.starts} starts{union}",
-        f"  importance  {shares}",
+        f"  importance  {shares}{others}",
         f"  error at the design point  d = ({_vector_text(point.error[:3])}) mm, δ = ({_vector_text(point.error[3:])}) mrad",
     ]
 
@@ -83,9 +89,9 @@ def _strata_lines(entry: SpecificationReliability) -> list[str]:
         f"{' and '.join(part.rare)} {part.probability:.3g}"
         if len(part.combinations) == 1
         else f"{len(part.combinations)} combinations of {', '.join(part.rare)} {part.probability:.3g}"
-        for part in parts[:LISTED]
+        for part in parts[: limited(LISTED)]
     )
-    count = f", … ({len(parts)} in all)" if len(parts) > LISTED else ""
+    count = f", … ({len(parts)} in all: --all)" if limited(LISTED) and len(parts) > LISTED else ""
     tail = f"; not looked at, added to the upper ends: {entry.strata.remainder:.3g}" if entry.strata.remainder else ""
     return [f"  rare values, each searched separately, and their probabilities  {values or 'none'}{count}{tail}"]
 

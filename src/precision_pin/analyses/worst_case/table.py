@@ -14,9 +14,10 @@ from precision_pin.analyses.worst_case.worst_case import (
     WorstCaseResult,
     bound_milli,
 )
+from precision_pin.base.errors import some
 from precision_pin.render.columns import QUANTITY, Column, text_lines
 from precision_pin.render.tables import ROUNDING, milli, symbol, unit
-from precision_pin.render.text_table import aligned
+from precision_pin.render.text_table import aligned, limited
 from precision_pin.sampling.table import statistic
 from precision_pin.statistics.intervals import bound_text
 
@@ -76,8 +77,7 @@ def _answer(pose: PoseWorstCase) -> str:
 
 
 def _names(names: Sequence[str]) -> str:
-    suffix = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
-    return f"{', '.join(names[:LISTED])}{suffix}"
+    return some(names, limited(LISTED) or len(names))
 
 
 def _contributions(bound: NormBound) -> list[str]:
@@ -92,10 +92,11 @@ def _contributions(bound: NormBound) -> list[str]:
             "NOT resolved to 1e-9: the largest first-order error lies between "
             f"{1e3 * maximum.lower:.9g} and {1e3 * maximum.upper:.9g} {unit(bound.quantity)}"
         )
-    places = {entry.draw: f"at {entry.at}" for entry in bound.contributions}
+    nominal = "error at the means"
+    places = {nominal: "", **{entry.draw: f"at {entry.at}" for entry in bound.contributions}}
     rows = [
-        [f"  {name}", unit(bound.quantity), milli(value), places.get(name, "")]
-        for name, value in listed_contributions(bound, "error at the means")
+        [f"  {name}", unit(bound.quantity), milli(value), places.get(name, "--all lists them")]
+        for name, value in listed_contributions(bound, nominal)
     ]
     return [f"contributions to {symbol(bound.quantity)} ({accuracy}):", *aligned(rows)]
 
@@ -114,7 +115,7 @@ def _describe_excess(pose: PoseWorstCase) -> list[str]:
 def listed_contributions(bound: NormBound, nominal: str) -> list[tuple[str, float]]:
     """Return the error at the means, the largest contributions and the sum of the others."""
     entries = [entry for entry in bound.contributions if abs(entry.value) > ROUNDING]
-    count = len(entries) if len(entries) <= LISTED + 1 else LISTED
-    other_values = [entry.value for entry in entries[count:]]
+    count = len(entries) if len(entries) <= LISTED + 1 else limited(LISTED)
+    other_values = [] if count is None else [entry.value for entry in entries[count:]]
     remainder = [(f"{len(other_values)} others", sum(other_values))] if other_values else []
     return [(nominal, bound.nominal), *((entry.draw, entry.value) for entry in entries[:count]), *remainder]
