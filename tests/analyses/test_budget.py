@@ -50,7 +50,7 @@ def swing_budget():
     """Return that of a rail of uniform 0.1 mm along y and a swivel of σ = 0.1 mrad about x, the tool 0.5 m below."""
     chain = chain_of(SWING, tip="tool", gravity=(0, 0, 0))
     sources = [JointOffset(joint="rail", offset=pp.Uniform(1e-4)), JointOffset(joint="swivel", offset=pp.Normal(1e-4))]
-    return pp.budget(pp.ErrorModel(chain, pp.Space(), sources), [0.0, 0.0], samples=16384, bound_at=4.0).poses[0]
+    return pp.budget(pp.ErrorModel(chain, pp.Space(), sources), [0.0, 0.0], samples=16384, k=4.0).poses[0]
 
 
 def gantry(*sources, space=pp.Space()):  # noqa: B008 - immutable

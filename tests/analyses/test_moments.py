@@ -12,6 +12,7 @@ from scipy import stats
 import precision_pin as pp
 from precision_pin.analyses.moments.moments import Measured, deviations, moments, table
 from precision_pin.analyses.moments.moments_control import Control
+from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.robot import examples
 from support.plain_robot import chain_of, joint, link, robot
 from support.refusals import check_refused
@@ -322,13 +323,30 @@ def test_deviations_of_variances():
 
 def test_wrong_settings_are_refused(paper):
     for says, settings in (
-        ("32 times a power of two", {"samples": 1000}),
-        ("32 times a power of two", {"samples": 512}),
-        ("32 times a power of two", {"samples": 2**25}),
+        ("number of samples must be a whole number from 1 to 16777216", {"samples": 2**25}),
+        ("number of samples must be a whole number from 1 to 16777216", {"samples": 0}),
         ("confidence must be above 0 and below 1, got 1.0", {"confidence": 1.0}),
         (r"'sobol_control'; did you mean 'sobol-control'", {"method": "sobol_control"}),
     ):
         check_refused((says, moments, paper), **settings)
+
+
+@pytest.mark.parametrize("analysis", [moments, pp.budget])
+def test_numbers_of_samples_are_rounded_up_and_said(analysis):
+    """32 replicates, each of 32 samples or of another power of two."""
+    model = arm(pp.Draw("a", pp.Normal(1e-3)))
+    for samples, rounded in ((1, 1024), (1025, 2048)):
+        with pytest.warns(PrecisionPinWarning, match="rounded up") as issued:
+            result = analysis(model, samples=samples)
+        (line,) = [str(warning.message) for warning in issued]
+        assert (
+            line
+            == f"precision-pin: warning W_SAMPLES: {samples:,} samples are rounded up to {rounded:,}: 32 times a power of two"
+        )
+        assert line in result.warnings
+        expected = analysis(model, samples=rounded)
+        assert result.samples == expected.samples == rounded
+        assert result.to_dict() | {"warnings": []} == expected.to_dict()
 
 
 def test_draws_too_wide_for_a_closed_form():

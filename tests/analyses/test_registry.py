@@ -43,8 +43,8 @@ class OffsetResult(MomentsResult):
     schema: ClassVar[str] = "precision-pin/offset/1"
 
 
-def offset(model, pose=None, **settings):
-    found = moments(model, pose, method="closed", **settings)
+def offset(model, poses=None, **settings):
+    found = moments(model, poses, method="closed", **settings)
     return OffsetResult(**{field.name: getattr(found, field.name) for field in fields(found)})
 """,
     "table.py": """
@@ -78,7 +78,7 @@ def test_an_added_analysis_is_found_everywhere(tmp_path, monkeypatch):
     monkeypatch.setattr(registry, "FOLDERS", [*registry.FOLDERS, "offset_analysis"])
     monkeypatch.chdir(tmp_path)
     # Python
-    result = pp.offset(MODEL, pose="paper", confidence=0.9)
+    result = pp.offset(MODEL, poses="paper", confidence=0.9)
     assert (type(result).__name__, result.confidence) == ("OffsetResult", 0.9)
     assert (result.poses[0].mean.value == OFFSET).all()
     # a file

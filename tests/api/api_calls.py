@@ -129,6 +129,7 @@ WORDS = {
     "q": JOINT_OR_POSE, "pose": JOINT_OR_POSE, "poses": JOINT_OR_POSE, "other": JOINT_OR_POSE, "relative_to": JOINT_OR_POSE,
     "at": JOINT_OR_POSE, "candidates": JOINT_OR_POSE, "approach": "approach|joint", "approaches": "approach|joint",
     "reference": "joint", "until": "until|target", "files": "file", "error_model": "ErrorModel", "draws": "draw|parameter",
+    "model": "model|ErrorModel",
     "specifications": "specification", "path": "path|file|3|nonsense", "tip": "link", "base": "link", "locked": "lock",
     "std": "standard deviation",
 }  # fmt: skip
@@ -142,8 +143,8 @@ FINE = {
 }  # fmt: skip
 """The mistakes that are none, wherever an argument has this name."""
 NOT_TRIED = {
-    # handed on to what monte_carlo tries; another word for poses; of the package's own making
-    "executor", "everywhere", "files", "journal", "processes", "resume", "tasks_under_way", "tell", "pose", "q", "only",
+    # handed on to what monte_carlo tries; of the package's own making
+    "executor", "everywhere", "files", "journal", "processes", "resume", "tasks_under_way", "tell", "only",
     "bounds", "for_samples", "k", "names", "quantities", "value",
 }  # fmt: skip
 """Arguments that are left at their defaults, where a call does not give them."""
@@ -254,14 +255,14 @@ def _sampling_calls():
     )  # fmt: skip
     yield call(pp.relative, error_model=small, pose=POSE, other=[0.0, 0.1, 0.2, 0.3], samples=64,
                fine={"pose": OPTIONAL, "other": OPTIONAL})  # fmt: skip
-    yield call(pp.sample_poses, error_model=small, q=TWO_POSES, samples=64, everywhere=False, **saving,
+    yield call(pp.sample_poses, error_model=small, poses=TWO_POSES, samples=64, everywhere=False, **saving,
                fine={"everywhere": "true", **fine})  # fmt: skip
     yield call(lambda pose, approach: small.at(pp.ApproachedPose(pose, approach)), {}, "ApproachedPose",
                pose=POSE, approach={"joint1": "+"},
                fine={"pose": OPTIONAL, "approach": f"{EMPTY}, empty mapping"})  # fmt: skip
     yield call(pp.sample_approaches, error_model=small, pose=POSE, approaches=["joint1 +", "joint1 -"], robots=3, cycles=2,
                target=(0.0, 0.0, 0.1), fine={"pose": OPTIONAL, "number": "zero", "first": "zero"})  # fmt: skip
-    yield call(pp.map_poses, error_model=small, poses=TWO_POSES, samples=64, verify=1,
+    yield call(pp.map_poses, model=small, poses=TWO_POSES, samples=64, verify=1,
                fine={"samples": OPTIONAL, "verify": "zero"})  # fmt: skip
     yield call(pp.path_law, error_model=small, poses=TWO_POSES, samples=100, fine={"probability": POSITIVE})
     yield call(pp.compare, models=[small, small], poses=POSE, samples=64, fine={"poses": SEVERAL})
@@ -287,8 +288,8 @@ def _page_calls():
     )
     yield call(pp.simulate, {"poses": "pose|joint"}, model=small, poses=TWO_POSES, measurement=pp.Measurement(std=1e-5), unit=3,
                cycles=2, fine={"unit": "zero"})  # fmt: skip
-    yield call(lambda error_model, pose, **numbers: pp.export(error_model, "built", pose, **numbers), {}, "export",
-               error_model=read_model, pose=POSE, units=1, first=0, seed=0,
+    yield call(lambda model, pose, **numbers: pp.export(model, "built", pose, **numbers), {}, "export",
+               model=read_model, pose=POSE, units=1, first=0, seed=0,
                fine={"pose": OPTIONAL, "first": "zero", "seed": "zero"})  # fmt: skip
     yield call(pp.init, {"robot": "robot|file"}, robot=read_model.chain.robot.file, tip="tool", base=None,
                fine={"tip": OPTIONAL, "base": OPTIONAL})  # fmt: skip
@@ -328,19 +329,17 @@ def _analysis_calls():
         "tolerances": [{"path": "axis_install[joint1].radius", "cost": {"reciprocal": 1.0}}], "specs": [{"rms": "1 m"}]
     }  # fmt: skip
     yield call(pp.allocate, {"problem": "problem|allocate", "pareto": "points of the front"},
-               error_model=arm, problem=problem, seconds=9.0, pareto=2, fine={"seconds": POSITIVE, "pareto": "zero"})  # fmt: skip
-    yield call(pp.compensate, error_model=small, poses=np.array(POSE)[:, None], mode="pose", weights=np.ones(6))
-    yield call(pp.pose_covariance, error_model=small, poses=TWO_POSES)
+               model=arm, problem=problem, seconds=9.0, pareto=2, fine={"seconds": POSITIVE, "pareto": "zero"})  # fmt: skip
+    yield call(pp.compensate, model=small, poses=np.array(POSE)[:, None], mode="pose", weights=np.ones(6))
+    yield call(pp.pose_covariance, model=small, poses=TWO_POSES)
     several = {"poses": SEVERAL}
-    yield call(pp.reliability, error_model=small, specifications="200 mm @ 99 %", poses=POSE, samples=64,
+    yield call(pp.reliability, model=small, specifications="200 mm @ 99 %", poses=POSE, samples=64,
                fine=several | {"specifications": ""})  # fmt: skip
-    yield call(pp.worst_case, error_model=small, poses=POSE, samples=64, k=3.0, fine=several)
-    yield call(pp.moments, error_model=small, poses=POSE, samples=1024, method="plain", fine=several)
-    yield call(
-        pp.budget, error_model=small, poses=POSE, samples=1024, k=3.0, fine=several | {"bound_at": "nothing, one half"}
-    )
-    yield call(pp.exact_law, error_model=small, poses=POSE, samples=100, fine=several)
-    yield call(pp.iso9283, {"robots": "robot", "cycles": "cycle"}, error_model=_visiting(small), poses=[POSE] * 2, cycles=2,
+    yield call(pp.worst_case, model=small, poses=POSE, samples=64, k=3.0, fine=several)
+    yield call(pp.moments, model=small, poses=POSE, samples=1024, method="plain", fine=several)
+    yield call(pp.budget, model=small, poses=POSE, samples=1024, k=3.0, fine=several)
+    yield call(pp.exact_law, model=small, poses=POSE, samples=100, fine=several)
+    yield call(pp.iso9283, {"robots": "robot", "cycles": "cycle"}, model=_visiting(small), poses=[POSE] * 2, cycles=2,
                robots=5, target=[0.0, 0.0, 0.1], load=1.0, specifications=["RP 1 mm"],
                fine={"target": OPTIONAL, "load": NOT_NEGATIVE})  # fmt: skip
     yield call(pp.iso9283_of, commanded=np.zeros(6), attained=np.zeros((2, 6)))

@@ -134,7 +134,5 @@ def test_texts_and_lists_are_taken_where_specifications_are():
     for given in ("1 mm @ 99 %", ["1 mm @ 99 %"], ("1 mm @ 99 %",), one, [one]):
         assert pp.monte_carlo(ARM, INSIDE, specifications=given, samples=64).summary.specifications[0].limit == 1e-3
         assert pp.sample_poses(ARM, [INSIDE], specifications=given, samples=64).specifications == (one,)
-    result = pp.reliability(ARM, "9 mm @ 99 %", q=INSIDE, **SAMPLED)
+    result = pp.reliability(ARM, "9 mm @ 99 %", poses=INSIDE, **SAMPLED)
     assert result.poses[0].pose.q == dict(zip(ARM.chain.joint_names, INSIDE, strict=True))
-    with pytest.raises(pp.InputError, match="poses and q mean the same"):
-        pp.budget(ARM, INSIDE, q=INSIDE)

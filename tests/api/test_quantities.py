@@ -107,7 +107,7 @@ CASES = {
 
 NOT_QUANTITIES = {
     # shares, numbers of standard deviations, times of computing
-    "budget.confidence", "budget.k", "budget.bound_at", "compare.confidence", "exact_law.confidence", "iso9283.confidence",
+    "budget.confidence", "budget.k", "compare.confidence", "exact_law.confidence", "iso9283.confidence",
     "map_poses.confidence", "moments.confidence", "monte_carlo.confidence", "path_law.probability", "path_law.confidence",
     "population.confidence", "relative.confidence", "reliability.confidence", "sample_poses.confidence",
     "worst_case.k", "worst_case.confidence", "allocate.seconds", "progress.delay", "compensate.weights",
@@ -117,8 +117,8 @@ NOT_QUANTITIES = {
     # arrays of measured or computed numbers
     "iso9283_distance.commanded_pair", "iso9283_distance.attained_pair", "iso9283_of.commanded", "iso9283_of.attained",
     # poses: names, arrays, or values by joint as "configuration" takes them
-    "ErrorModel.poses", "iso9283.poses", "monte_carlo.q", "monte_carlo.pose", "pose_covariance.poses",
-    "sample_approaches.pose", "sample_poses.q", "inverse_kinematics.reference", "place_grid.reference",
+    "ErrorModel.poses", "iso9283.poses", "monte_carlo.q", "pose_covariance.poses",
+    "sample_approaches.pose", "sample_poses.poses", "inverse_kinematics.reference", "place_grid.reference",
 }  # fmt: skip
 
 UNITLESS = {

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+import precision_pin as pp
 from cli.conftest import GANTRY
 from precision_pin.analyses.registry import declarations
 from precision_pin.cli import export
@@ -280,6 +281,7 @@ def test_robots_of_robot_descriptions(run, refused, folder, monkeypatch):
     run("init", "robot_descriptions:forked", "--tip", "left")
     assert "\nrobot: robot_descriptions:forked\n" in (folder / "forked.errors.yaml").read_text()
     run("analyze", "forked.errors.yaml", "--samples", "100")
+    assert pp.ErrorModel.load("robot_descriptions:forked").sheet.file == str(folder / "forked.errors.yaml")
     run("init", "robot_descriptions:made_description")
     assert '<origin xyz="0.4 0 0"/>' in (folder / "made_description.urdf").read_text()
     for name, message in {

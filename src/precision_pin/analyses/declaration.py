@@ -242,7 +242,7 @@ class Declaration(NamedTuple):
     def run(self, model: Any, pose: Any, *, seed: int | None, **arguments: Any) -> Any:
         """Run the analysis and return its result; one without the option ``seed`` draws nothing and takes none."""
         seed_argument = {"seed": seed} if "seed" in self.options else {}
-        return load(self.function)(model, pose=pose, **seed_argument, **arguments)
+        return load(self.function)(model, poses=pose, **seed_argument, **arguments)
 
     @property
     def outputs(self) -> str:

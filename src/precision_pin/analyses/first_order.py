@@ -173,14 +173,14 @@ def jacobians(error_model: ErrorModel, values: Array, approaches: NDArray[np.int
 
 @warns_at_end
 @takes_datum
-def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
+def pose_covariance(model: ErrorModel, poses: ArrayLike | Mapping[str, ArrayLike] | Sequence[object]) -> Array:
     """Return the covariance between the errors of one robot at P poses, ``(P, 6, P, 6)``, first order, in closed form.
 
     ``Cov(e_p, e_q) = J_p Σ_unit J_qᵀ`` with the covariance of the draws of unit scope: a robot's draws of pose and
     visit scope at different poses are independent. For p = q it is ``J Σ Jᵀ`` of all draws. Base axes, m and rad.
 
     Args:
-        error_model: Chain, draws and sources.
+        model: Chain, draws and sources.
         poses: As for :func:`precision_pin.sample_poses`.
 
     Raises:
@@ -192,14 +192,14 @@ def pose_covariance(error_model: ErrorModel, poses: ArrayLike | Mapping[str, Arr
         >>> print(pp.pose_covariance(model, ["paper", [0, 0, 0, 0]]).shape)
         (2, 6, 2, 6)
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
-    values, _ = error_model.configurations(poses)
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    values, _ = model.configurations(poses)
     count = values.shape[1]
     check_memory(8.0 * 36 * count**2, f"the covariance between {count:,} poses", "give fewer poses")
-    add(pose_findings(error_model.chain, values))
-    slopes = np.moveaxis(jacobians(error_model, values, error_model.approaches_of(poses, values)), -1, 0)
+    add(pose_findings(model.chain, values))
+    slopes = np.moveaxis(jacobians(model, values, model.approaches_of(poses, values)), -1, 0)
     flat = slopes.reshape(6 * count, -1)
-    space = error_model.space
+    space = model.space
     result = shared_covariance(space).between(flat, flat).reshape(count, 6, count, 6)
     for pose, pose_slopes in enumerate(slopes):
         result[pose, :, pose] = space.block_covariance.between(pose_slopes, pose_slopes)

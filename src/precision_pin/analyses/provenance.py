@@ -114,12 +114,8 @@ Poses = Pose | Sequence[Pose]
 """One pose or a list of poses."""
 
 
-def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose]:
+def listed_poses(poses: Poses) -> list[Pose]:
     """Return a list of poses: a row of numbers is one pose, any other list contains several."""
-    inputs = {name: value for name, value in (("poses", poses), ("q", q), ("pose", pose)) if value is not None}
-    if len(inputs) > 1:
-        raise InputError("pose, poses and q mean the same; give one of them")
-    poses = next(iter(inputs.values()), None)
     if isinstance(poses, np.ndarray) and poses.ndim > 1:
         raise InputError(
             f"poses in an array of shape {poses.shape}: give a list of poses instead, list(array) for poses in rows, "
@@ -135,12 +131,10 @@ def listed_poses(poses: Poses, q: Poses = None, pose: Poses = None) -> list[Pose
     return pose_list
 
 
-def check_request(
-    error_model: ErrorModel, poses: tuple[Poses, Poses, Poses], **common: Any
-) -> tuple[list[Pose], tuple[Finding, ...]]:
-    """Check the arguments of an analysis at poses, ``(poses, q, pose)`` being synonyms; return poses and findings."""
+def check_request(error_model: ErrorModel, poses: Poses, **common: Any) -> tuple[list[Pose], tuple[Finding, ...]]:
+    """Check the arguments of an analysis at poses; return poses and findings."""
     check_findings = check_common(error_model, **common)
-    return listed_poses(*poses), check_findings
+    return listed_poses(poses), check_findings
 
 
 PosesGiven = PoseSet | ArrayLike | Mapping[str, ArrayLike] | Sequence[object]

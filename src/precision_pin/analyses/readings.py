@@ -22,6 +22,7 @@ from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.joint_columns import joint_columns
 from precision_pin.sheet.measurement import KINDS, Measurement
+from precision_pin.terms.bound_source import LabelledSources
 
 COLUMNS: Final = {
     "position": ("x", "y", "z"),
@@ -104,8 +105,8 @@ def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
     is_kept = [not source.is_put_down for source in model.sources]
     # the numbers of absent payloads stay in the space and change nothing
     other = model.like(chain, model.space)
-    other.sources = (*compress(model.sources, is_kept), *measurement.load)
-    other.labels = (*compress(model.labels, is_kept), *(f"load[{k + 1}]" for k in range(len(measurement.load))))
+    labels = (*compress(model.labels, is_kept), *(f"load[{k + 1}]" for k in range(len(measurement.load))))
+    other.sources = LabelledSources((*compress(model.sources, is_kept), *measurement.load), labels)
     return other
 
 

@@ -28,14 +28,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.space import Space
 from precision_pin.statistics import quantile_ranks
 from precision_pin.statistics.intervals import studentised
 
 REPLICATES: Final = 32
 """Number of independent runs, or scrambles of a net."""
+
+
+def round_up_samples(samples: int, smallest: int, largest: int) -> tuple[int, list[Finding]]:
+    """Return a number of samples, rounded up to a power of two for each replicate, and a warning if it changed.
+
+    Args:
+        smallest, largest: Exponents of the least and the greatest power of two.
+
+    Raises:
+        InputError: No whole number from 1 to the largest number.
+    """
+    given = check_whole("the number of samples", samples, 1, REPLICATES << largest)
+    count = REPLICATES << max(smallest, (-(-given // REPLICATES) - 1).bit_length())
+    message = f"{given:,} samples are rounded up to {count:,}: {REPLICATES} times a power of two"
+    return count, [] if count == given else [Finding("warning", "W_SAMPLES", message)]
+
 
 # relative spread below which the skewness of the replicates is rounding noise
 _ROUNDING: Final = 1e-14

@@ -24,8 +24,16 @@ from click.shell_completion import CompletionItem
 
 from precision_pin.base.errors import InputError
 from precision_pin.cli.explain import list_codes
-from precision_pin.cli.inputs import SHEET_SUFFIXES, beginning, find_inputs, find_sheet
-from precision_pin.robot.examples import DESCRIPTIONS, PREFIX, ROBOT_SUFFIXES, example_urdfs, own_urdfs, resolve_robot
+from precision_pin.cli.inputs import SHEET_SUFFIXES, beginning, find_inputs
+from precision_pin.robot.examples import (
+    DESCRIPTIONS,
+    PREFIX,
+    ROBOT_SUFFIXES,
+    example_urdfs,
+    find_sheet,
+    own_urdfs,
+    resolve_robot,
+)
 
 MOST_BYTES: Final = 2**17
 """Read of a sheet, in some 0.1 s; of a URDF it is 32 times as much."""

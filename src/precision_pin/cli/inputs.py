@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -20,12 +19,10 @@ from precision_pin.cli.options import Options, describe_excess
 from precision_pin.cli.terminal import echo_note, echo_warning_lines, echo_warnings
 from precision_pin.robot.examples import (
     PAPER,
-    ROBOTS,
+    require_sheet,
     resolve_robot,
-    shipped_sheet,
     shipped_sheets,
     similar_file,
-    starting_sheet,
 )
 
 if TYPE_CHECKING:
@@ -67,7 +64,12 @@ def find_inputs(arguments: Sequence[str], *, sheet_needed: bool) -> Inputs:
     if sheets:
         return Inputs(robot, Path(sheets[0]))
     assert robot is not None
-    return Inputs(robot, _sheet_of(robots[0], robot) if sheet_needed else None)
+    if not sheet_needed:
+        return Inputs(robot, None)
+    sheet, note = require_sheet(robots[0], robot)
+    if note:
+        echo_note(f"{robots[0]}: with the sheet {note}")
+    return Inputs(robot, sheet)
 
 
 def beginning(path: Path, size: int = 2000) -> bytes:
@@ -79,39 +81,6 @@ def beginning(path: Path, size: int = 2000) -> bytes:
             return stream.read(size)
     except (OSError, ValueError):
         return b""
-
-
-def find_sheet(name: str, robot: Path) -> tuple[Path | None, str]:
-    """Return the sheet for a robot given alone, None if there is none, and which it is."""
-    beside, here = robot.with_suffix(".errors.yaml"), Path(starting_sheet(robot))
-    if os.path.isfile(beside) and beside.parent != ROBOTS:
-        is_other = os.path.isfile(here) and not here.samefile(beside)
-        return beside, f"beside it, {beside}" + (f", not {here} of this folder" if is_other else "")
-    if os.path.isfile(here):
-        return here, f"of this folder, {here}"
-    shipped = shipped_sheet(name)
-    return shipped, "" if shipped is None else f"that comes with precision-pin, {shipped.name}"
-
-
-def _sheet_of(name: str, robot: Path) -> Path:
-    """Return the sheet for a robot given alone; a file that is not a URDF is rejected before a missing sheet."""
-    from precision_pin.robot import urdf
-
-    if not os.path.isfile(robot):
-        urdf.read(robot)
-    sheet, note = find_sheet(name, robot)
-    if note:
-        echo_note(f"{name}: with the sheet {note}")
-    if sheet is not None:
-        return sheet
-    read = urdf.read(robot)
-    leaves = read.leaves
-    command, others = f"precision-pin init {shlex.quote(name)}", ""
-    if len(leaves) > 1:
-        command = urdf.draft_command(name, tip := urdf.likeliest_tip(read))
-        others = f" (or another tip: {', '.join([leaf for leaf in leaves if leaf != tip][:6])})"
-    message = f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
-    raise InputError(message)
 
 
 def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:

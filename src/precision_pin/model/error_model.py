@@ -34,10 +34,11 @@ from precision_pin.model.datum import DatumRecord, Procedures, procedure_of
 from precision_pin.model.equilibrium import solve_equilibrium, statics_findings, terms_about_rest
 from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, origins_of_numbers
 from precision_pin.render.html import Table, rendered
-from precision_pin.robot.chain import Chain, Posture, pose_findings
+from precision_pin.robot.chain import Chain, HasChain, Posture, chain_of, pose_findings
 from precision_pin.robot.configurations import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.datums import Datum
-from precision_pin.sheet import Sheet, read_data
+from precision_pin.robot.examples import ELSEWHERE, ROBOT_SUFFIXES, require_sheet, resolve_robot
+from precision_pin.sheet import Overrides, Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.sheet.datums import NO_DATUM
 from precision_pin.sheet.reader import MEASURED
@@ -64,7 +65,7 @@ class ErrorModel:
             under its loads.
 
     Attributes:
-        chain, sources, poses, statics: The arguments.
+        chain, sources, poses, statics: The arguments; a source also by its label, ``sources["payload"]``.
         approaches: Approach of each named pose that has one.
         assumed: Labels of the sources that the sheet marks as assumptions.
         origins: Origin of each component of the space, by name: ``assumed``, ``data sheet``, ``measured``, ``drawing``;
@@ -73,7 +74,6 @@ class ErrorModel:
         beyond_limits: Set to ``True`` to give verdicts also beyond the URDF's limits of joint values and speeds, as
             ``--beyond-limits`` does. Otherwise a specification at such a pose is ``"not judged"``, and not met.
         datums: What the errors are counted against, in the order in which the datums are found; empty for base axes.
-        labels: Label of each source.
         space: All draws, the named ones first.
 
     Examples:
@@ -97,8 +97,8 @@ class ErrorModel:
         check_instance("space", space, Space, "of the named draws")
         self.statics = statics
         self.chain = chain
-        self.sources = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
-        self.labels = bound_source.labels(self.sources)
+        fixed = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
+        self.sources = bound_source.LabelledSources(fixed, bound_source.labels(fixed))
         full_space = space.including(bound_source.own_draws(self.sources, self.labels))
         self.space = bound_source.with_quantities(full_space, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)
@@ -115,7 +115,8 @@ class ErrorModel:
         """Read a sheet and its robot, with the warnings of ``precision-pin check``.
 
         Args:
-            path: The YAML sheet.
+            path: The YAML sheet; or a robot, a URDF, ``example:NAME`` or ``robot_descriptions:NAME``, for its sheet beside
+                it, in the working folder, or shipped, as on the command line.
             kinds: Source classes beyond those of the package.
 
         Raises:
@@ -125,9 +126,15 @@ class ErrorModel:
             >>> model = pp.ErrorModel.load("4dof.errors.yaml")
             >>> print(list(model.poses), len(model.sources))
             ['paper'] 15
+            >>> print(list(pp.ErrorModel.load("example:ur5e").poses))
+            ['ready', 'stretched', 'folded']
         """
         source_kinds = check_items("the kinds of sources", kinds, type)
-        sheet = read_sheet(check_path("the path of the sheet", path), kinds=source_kinds)
+        file, robot = check_path("the path of the sheet", path), None
+        if file.startswith(ELSEWHERE) or file.endswith(ROBOT_SUFFIXES):
+            robot = resolve_robot(file)
+            file = str(require_sheet(file, robot)[0])
+        sheet = read_sheet(file, kinds=source_kinds, overrides=Overrides(robot))
         add(sheet.findings)
         return cls.from_sheet(sheet)
 
@@ -205,8 +212,9 @@ class ErrorModel:
         )
         result = model.like(model.chain, space)
         result.sheet, result.datums = model.sheet, listed
-        result.sources = (*model.sources, *(source for source, _ in parts))
-        result.labels = (*model.labels, *(source.label() for source, _ in parts))
+        procedures = [source for source, _ in parts]
+        labels = (*model.labels, *(source.label() for source in procedures))
+        result.sources = bound_source.LabelledSources((*model.sources, *procedures), labels)
         result.procedures.part(model.chain.at(np.zeros(len(model.chain.joints))))
         return result
 
@@ -221,7 +229,8 @@ class ErrorModel:
         groups = tuple(group for group in self.space.correlations if set(group.names) <= known)
         result = self.like(self.chain, Space(draws, groups))
         result.sheet, result.datums = self.sheet, ()
-        result.sources, result.labels = self.sources[: -len(self.datums)], self.labels[: -len(self.datums)]
+        count = len(self.sources) - len(self.datums)
+        result.sources = bound_source.LabelledSources(self.sources[:count], self.labels[:count])
         return result
 
     def datum_record(self, at: PoseModel | None = None) -> DatumRecord | None:
@@ -411,11 +420,10 @@ class ErrorModel:
         """Return the notebook view: sources with settings, draws with laws and scopes, poses."""
         chain = self.chain
         sources = [[label, _settings(source)] for label, source in zip(self.labels, self.sources, strict=True)]
-        draws = [[draw.name, repr(draw.law), draw.scope.value] for draw in self.space.draws]
         poses = [[name, ", ".join(map(joint_value, chain.joints, q))] for name, q in self.poses.items()]
         tables = (
             Table(("source", "settings (SI)"), sources, f"Sources: {len(sources)}", words=2),
-            Table(("draw", "law (SI)", "drawn for each"), draws, f"Draws: {len(draws)}", words=3),
+            Table(self.draws.COLUMNS, self.draws.rows, f"Draws: {len(self.draws)}", words=4),
             Table(("pose", "joint values"), poses, f"Poses: {len(poses)}", words=2),
         )
         title = f"Error model of {os.path.basename(chain.robot.file)}: {chain.base} to {chain.tip_label}"
@@ -461,6 +469,19 @@ class ErrorModel:
     def _in_datum(self, at: PoseModel) -> PoseModel:
         return replace(at, datum=self.procedures.part(at.posture)) if self.datums else at
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Label of each source."""
+        return self.sources.labels
+
+    @cached_property
+    def draws(self) -> bound_source.OwnedDraws:
+        """Draws of the space by name, each with its law, scope and owners: the labels of the sources that use it."""
+        entries = zip(self.space.draws, self.owners, strict=True)
+        return bound_source.OwnedDraws(
+            {draw.name: bound_source.OwnedDraw(draw.law, draw.scope, owners) for draw, owners in entries}
+        )
+
     @cached_property
     def bound_sources(self) -> tuple[bound_source.BoundSource, ...]:
         """Every source, bound to the values of its settings."""
@@ -480,7 +501,7 @@ class ErrorModel:
     def like(self, chain: Chain, space: Space) -> ErrorModel:
         """Return a model with equal sources for an arm with another target or payload, or with other laws."""
         model = ErrorModel(chain, Space(), (), self.poses, self.statics)
-        model.sources, model.labels, model.assumed, model.space = self.sources, self.labels, self.assumed, space
+        model.sources, model.assumed, model.space = self.sources, self.assumed, space
         model.approaches, model.origins, model.beyond_limits = self.approaches, self.origins, self.beyond_limits
         model.datums = self.datums
         return model
@@ -501,8 +522,8 @@ class ErrorModel:
         names |= {name for group in groups for name in group.names}
         draws = tuple(draw for draw in self.space.draws if names & set(draw.components))
         model = self.like(self.chain, Space(draws, groups))
-        model.sources = (*sources.values(), *arm.sources)
-        model.labels = (*sources, *(f"{label}#measured" for label in arm.labels))
+        labels = (*sources, *(f"{label}#measured" for label in arm.labels))
+        model.sources = bound_source.LabelledSources((*sources.values(), *arm.sources), labels)
         model.assumed = tuple(label for label in self.assumed if label in sources)
         return model
 
@@ -512,7 +533,7 @@ class ErrorModel:
 
 def _against(argument: Any, datums: Sequence[Datum | str]) -> Any:
     """Return a model, or each model of a list, against datums; any other argument unchanged."""
-    if isinstance(argument, list | tuple):
+    if isinstance(argument, list | tuple) and any(isinstance(item, ErrorModel) for item in argument):
         return [_against(item, datums) for item in argument]
     return argument.against(*datums) if isinstance(argument, ErrorModel) else argument
 
@@ -531,6 +552,7 @@ def takes_datum(function: Callable[Parameters, Result]) -> Callable[Parameters, 
             if not isinstance(datums, tuple | list):
                 raise InputError(f"datum must be a datum, the name of one, or a list of these, got {shown(datum)}")
             arguments = tuple(_against(argument, datums) for argument in arguments)
+            options = {name: _against(value, datums) for name, value in options.items()}
         return function(*arguments, **options)
 
     signature, lines = inspect.signature(function), (function.__doc__ or "").split("\n")
@@ -571,7 +593,7 @@ _NAMES: Final = ("x", "y", "z", "rx", "ry", "rz")
 """Settings of a ``frame`` source, in the order of ``[d; δ]``."""
 
 
-def every_frame(chain: Chain) -> ErrorModel:
+def every_frame(chain: Chain | HasChain) -> ErrorModel:
     """Return a model with all six displacements at every joint, at the base and at the tool.
 
     Each is normal with a standard deviation of 1 mm or 1 mrad. With :func:`precision_pin.identifiability` it shows
@@ -583,7 +605,7 @@ def every_frame(chain: Chain) -> ErrorModel:
         >>> print(model.space.size, model.space.components[:2])
         36 ('frame[base].x', 'frame[base].y')
     """
-    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    chain = chain_of(chain)
     places = [{"frame": chain.base}, *({"joint": name} for name in chain.joint_names), {"frame": chain.tip}]
     free = dict.fromkeys(_NAMES, Normal(1e-3))
     return ErrorModel(chain, Space(), [Frame(**place, **free) for place in places])  # type: ignore[arg-type]

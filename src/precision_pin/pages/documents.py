@@ -79,7 +79,7 @@ def view(
         >>> page = pp.view(model, samples=100)
         >>> page.save("view.html")
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load returns it")
+    check_instance("the error model", error_model, ErrorModel, "as ErrorModel.load returns it")
     check_whole("the number of samples", samples, 1, pages_of_view.MOST_POINTS)
     check_seed(seed)
     check_choice("model", model, ("exact", "linear"))
@@ -125,7 +125,7 @@ def report(
         >>> print("Verdict" in page.text)
         True
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load returns it")
+    check_instance("the error model", error_model, ErrorModel, "as ErrorModel.load returns it")
     sheet = error_model.sheet
     if sheet is None:
         raise InputError("a report names the sheet, and this model was made without one; ErrorModel.load reads one")

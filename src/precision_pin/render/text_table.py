@@ -34,15 +34,15 @@ def remainder(count: int, what: str = "") -> list[str]:
     return [f"and {count:,} more{f' {what}' if what else ''}: --all"] if count > 0 else []
 
 
-def aligned(rows: list[list[str]]) -> list[str]:
-    """Return rows of cells as lines, the first two columns left-aligned, their names shortened and escaped."""
+def aligned(rows: list[list[str]], words: int = 2) -> list[str]:
+    """Return rows of cells as lines, the first ``words`` columns left-aligned, their names shortened and escaped."""
     rows = [[visible(cell, 120) for cell in row] for row in rows]
     widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
     lines = []
     for row in rows:
-        padding = [" " * (columns - width(cell)) for cell, columns in zip(row, widths, strict=True)]
-        filled = enumerate(zip(row, padding, strict=True))
-        cells = [cell + blank if k < 2 else blank + cell for k, (cell, blank) in filled]
+        blanks = [" " * (columns - width(cell)) for cell, columns in zip(row, widths, strict=True)]
+        filled = enumerate(zip(row, blanks, strict=True))
+        cells = [cell + blank if k < words else blank + cell for k, (cell, blank) in filled]
         lines.append("  ".join(cells).rstrip())
     return lines
 

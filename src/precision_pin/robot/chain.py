@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -667,6 +667,20 @@ def _read(source: object) -> Robot:
         return parse(source.encode() if isinstance(source, str) else source, "the URDF's text")
     path = arguments.check_path("the path of the URDF", source)
     return read(resolve_robot(path) if path.startswith(ELSEWHERE) else path)
+
+
+class HasChain(Protocol):
+    """An object with a chain, such as an error model."""
+
+    @property
+    def chain(self) -> Chain:
+        """The chain."""
+
+
+def chain_of(arm: Chain | HasChain) -> Chain:
+    """Return a chain, or that of a model."""
+    recipe = "as Chain.from_urdf returns it, or an error model"
+    return arguments.check_instance("chain", getattr(arm, "chain", arm), Chain, recipe)
 
 
 def joint_table(joints: Sequence[Joint], placements: Array, tip: str) -> Table:

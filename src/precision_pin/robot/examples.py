@@ -10,6 +10,7 @@ import importlib
 import importlib.metadata
 import os
 import re
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import chdir, redirect_stdout, suppress
@@ -166,6 +167,37 @@ def shipped_sheets() -> dict[str, Path]:
 def shipped_sheet(text: str) -> Path | None:
     """Return this package's sheet for a robot given as ``example:NAME``, None if there is none."""
     return shipped_sheets().get(text.removeprefix(PREFIX)) if text.startswith(PREFIX) else None
+
+
+def find_sheet(name: str, robot: Path) -> tuple[Path | None, str]:
+    """Return the sheet for a robot given alone, None if there is none, and which it is."""
+    beside, here = robot.with_suffix(".errors.yaml"), Path(starting_sheet(robot))
+    if os.path.isfile(beside) and beside.parent != ROBOTS:
+        is_other = os.path.isfile(here) and not here.samefile(beside)
+        return beside, f"beside it, {beside}" + (f", not {here} of this folder" if is_other else "")
+    if os.path.isfile(here):
+        return here, f"of this folder, {here}"
+    shipped = shipped_sheet(name)
+    return shipped, "" if shipped is None else f"that comes with precision-pin, {shipped.name}"
+
+
+def require_sheet(name: str, robot: Path) -> tuple[Path, str]:
+    """Return the sheet for a robot as :func:`find_sheet` does; raise if there is none, or if the file is no URDF."""
+    from precision_pin.robot import urdf
+
+    if not os.path.isfile(robot):
+        urdf.read(robot)
+    sheet, note = find_sheet(name, robot)
+    if sheet is not None:
+        return sheet, note
+    read = urdf.read(robot)
+    leaves = read.leaves
+    command, others = f"precision-pin init {shlex.quote(name)}", ""
+    if len(leaves) > 1:
+        command = urdf.draft_command(name, tip := urdf.likeliest_tip(read))
+        others = f" (or another tip: {', '.join([leaf for leaf in leaves if leaf != tip][:6])})"
+    message = f"no sheet of error sources for {name}; write one, which is then found by itself: {command}{others}"
+    raise InputError(message)
 
 
 def named_briefly(text: str) -> str:

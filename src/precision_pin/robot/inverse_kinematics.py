@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_choice, check_instance, check_numbers
+from precision_pin.base.arguments import check_choice, check_numbers
 from precision_pin.base.arrays import Array, Fixed
 from precision_pin.base.errors import InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
-from precision_pin.robot.chain import Chain
+from precision_pin.robot.chain import Chain, HasChain, chain_of
 from precision_pin.robot.pose_set import SINGULAR_BELOW, PoseSet, PoseStatus, chain_length, smallest_singular_values
 
 if TYPE_CHECKING:
@@ -346,7 +346,7 @@ class Solutions(Fixed):
 
 
 def inverse_kinematics(
-    chain: Chain,
+    chain: Chain | HasChain,
     wanted: ArrayLike,
     *,
     task: Task = "pose",
@@ -378,7 +378,7 @@ def inverse_kinematics(
         >>> print(np.degrees(solutions.q[2]).round(6))
         [ 30. -30.]
     """
-    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    chain = chain_of(chain)
     check_choice("task", task, tuple(CONSTRAINTS))
     poses = _check_poses(wanted)
     axis = check_numbers("the tool axis", tool_axis, (3,), "three finite numbers")

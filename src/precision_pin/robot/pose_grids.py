@@ -20,7 +20,7 @@ from precision_pin.base.progress import steps_to
 from precision_pin.base.units import LENGTH, Quantity
 from precision_pin.draws.philox import Units, stream_of
 from precision_pin.draws.space import check_seed
-from precision_pin.robot.chain import Chain
+from precision_pin.robot.chain import Chain, HasChain, chain_of
 from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.inverse_kinematics import Branches, Task, inverse_kinematics
 from precision_pin.robot.pose_set import OBSTRUCTED, PoseSet, chain_length
@@ -36,11 +36,11 @@ MOST_ANGLES: Final = 3600  # every tenth of a degree
 Z: Final = (0.0, 0.0, 1.0)
 
 
-def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
+def joint_grid(chain: Chain | HasChain, values: Mapping[str, ArrayLike]) -> PoseSet:
     """Return every combination of joint values; the last joint's change fastest.
 
     Args:
-        chain: The arm.
+        chain: The arm: a chain, or a model that has one.
         values: Values of each joint by name, rad or m, one or several, or text such as ``"0 30 60 deg"``.
 
     Raises:
@@ -53,7 +53,7 @@ def joint_grid(chain: Chain, values: Mapping[str, ArrayLike]) -> PoseSet:
         >>> print(poses.names)
         ('0°', '30°')
     """
-    arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    chain = chain_of(chain)
     for name in arguments.check_mapping("values", values):
         arguments.check_name("joint on the chain", name, chain.joint_names)
     missing = [name for name in chain.joint_names if name not in values]
@@ -234,7 +234,7 @@ def plane_places(origin: ArrayLike, u: ArrayLike, v: ArrayLike, along_u: ArrayLi
 
 
 def place_grid(
-    chain: Chain,
+    chain: Chain | HasChain,
     places: ArrayLike,
     orientations: Orientation | Sequence[Orientation],
     *,
@@ -249,7 +249,7 @@ def place_grid(
     them.
 
     Args:
-        chain: The arm.
+        chain: The arm: a chain, or a model that has one.
         places: Points in the base, m, ``(3,)`` or ``(3, N)``, or one as text (``"400 0 300 mm"``), as
             :func:`box_places` and :func:`plane_places` make them.
         orientations: Orientations of the tool at each, one or several.
@@ -267,7 +267,7 @@ def place_grid(
         >>> print(chain.at(poses.q[:, 0]).pose[:3, 3].round(6) + 0)
         [2.  0.  0.3]
     """
-    arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    chain = chain_of(chain)
     arguments.check_choice("branches", branches, get_args(Branches))
     points = arguments.check_quantities(
         "the places", places, LENGTH, needs="finite numbers, (3,) or (3, N), m in the base"
@@ -346,7 +346,7 @@ _LEAST_TRIES: Final = 10_000
 
 
 def random_poses(
-    chain: Chain,
+    chain: Chain | HasChain,
     count: int,
     *,
     seed: int = 0,
@@ -363,7 +363,7 @@ def random_poses(
     which the arm of a sheet hits itself or what it is kept out of; :attr:`PoseSet.left_out` counts them.
 
     Args:
-        chain: The arm.
+        chain: The arm: a chain, or a model that has one.
         count: Number of poses.
         seed: 64-bit seed.
         box: Lowest and highest x, y and z of the tip in the base, m, ``(3, 2)``; with orientations, by default the cube
@@ -380,7 +380,7 @@ def random_poses(
         >>> print(poses.q.shape, bool(poses.position[0].min() >= 1))
         (4, 20) True
     """
-    arguments.check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    chain = chain_of(chain)
     arguments.check_whole("the number of poses", count, 1, MOST_POSES)
     check_seed(seed)
     limits = None if box is None else _check_box(box)

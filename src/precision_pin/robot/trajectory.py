@@ -29,7 +29,7 @@ from precision_pin.base.csv_columns import (
 )
 from precision_pin.base.errors import InputError, nearest, shown
 from precision_pin.base.files import UnreadableFileError, decode, read_regular_file
-from precision_pin.robot.chain import Chain
+from precision_pin.robot.chain import Chain, HasChain, chain_of
 from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.joint_columns import Column, recorded
 from precision_pin.robot.pose_grids import MOST_POSES
@@ -137,7 +137,7 @@ class Trajectory(Fixed):
 
 def read_trajectory(
     path: str | os.PathLike[str],
-    chain: Chain,
+    chain: Chain | HasChain,
     most: int = MOST_POSES,
     progress: Callable[[int], object] = lambda _: None,
     columns: str = "",
@@ -151,7 +151,7 @@ def read_trajectory(
 
     Args:
         path: The file, UTF-8.
-        chain: Whose joints the columns are.
+        chain: The chain, or a model that has one, whose joints the columns are.
         most: Most poses allowed.
         progress: Function called with the number of characters read since its last call.
         columns: Names and units of columns that the first row does not give: ``"q1=joint1 [deg], stamp=t [ns],
@@ -169,7 +169,7 @@ def read_trajectory(
         [0. 1.] [0.    1.571]
     """
     check_callable("progress", progress)
-    check_instance("chain", chain, Chain, "as Chain.from_urdf returns it")
+    chain = chain_of(chain)
     check_whole("the most poses", most, 1, MOST_POSES)
     column_names = ColumnNames.parse(check_instance("columns", columns, str, "such as 'q1=joint1 [deg], n=ignore'"))
     file = os.fspath(check_path("the path of the trajectory", path))

@@ -63,6 +63,7 @@ class ApproachErrors(Fixed):
 
 def sample_approaches(
     error_model: ErrorModel,
+    /,
     pose: ArrayLike | Mapping[str, float] | str | None = None,
     *,
     approaches: Sequence[object],
@@ -101,7 +102,7 @@ def sample_approaches(
         >>> print((1e3 * visits.variation[0]).round(2))
         3.75
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_instance("the error model", error_model, ErrorModel, "as ErrorModel.load returns it")
     sampler.stage_of(model)
     directions = check_items("the approaches", approaches, object)
     if len(directions) < 2:

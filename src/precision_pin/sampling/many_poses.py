@@ -74,7 +74,7 @@ _ROBOTS: Final = 4 * BLOCK
 def sample_poses(
     error_model: ErrorModel,
     /,
-    q: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose,
+    poses: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | ApproachedPose,
     *,
     approach: object = None,
     samples: int = 10_000,
@@ -102,7 +102,7 @@ def sample_poses(
 
     Args:
         error_model: Chain, draws and sources.
-        q: The poses: an array ``(n, P)`` of joint values (rad, m) in chain order, one column for each pose; a list of
+        poses: An array ``(n, P)`` of joint values (rad, m) in chain order, one column for each pose; a list of
             poses, each a name, joint values in chain order or by name; or a mapping of joint names to P values. A
             square array is read by columns, with a warning where the joint limits do not rule out rows.
         approach: Approach of every pose, as in :class:`precision_pin.ApproachedPose`: ``"previous"``, from the pose
@@ -144,16 +144,16 @@ def sample_poses(
     limits = listed_specifications(specifications)
     check_flag("everywhere", everywhere)
     work = PosesWork(model, int(seed), int(samples), limits)
-    q = q if approach is None else ApproachedPose(q, approach)
-    values, names = _poses(error_model, q, limits)
-    approaches = error_model.approaches_of(q, values)
-    poses = _Poses(error_model, values, approaches, work)
+    poses = poses if approach is None else ApproachedPose(poses, approach)
+    values, names = _poses(error_model, poses, limits)
+    approaches = error_model.approaches_of(poses, values)
+    pose_work = _Poses(error_model, values, approaches, work)
     count = values.shape[1]
     new_findings = (*pose_findings(error_model.chain, values, names), *exact_findings(error_model, values, approaches))
     add(new_findings)
     steps = count * work.samples * (2 if everywhere and limits else 1)
     beginning = CompletedPoses.start(count, len(limits))
-    with run_settings.begun(beginning, POSES, partial(poses.identity, confidence), count, steps) as run:
+    with run_settings.begun(beginning, POSES, partial(pose_work.identity, confidence), count, steps) as run:
         if run.state.count:
             run.step(run.state.count * work.samples)
 
@@ -167,8 +167,8 @@ def sample_poses(
                 run.state = run.state.with_part(group.to_arrays(confidence))
             return result.count * group.poses
 
-        run.work_off(poses.tasks(run.state.count), add_blocks)
-        counts = poses.count_everywhere(threads or available_cores(), run.step) if everywhere else None
+        run.work_off(pose_work.tasks(run.state.count), add_blocks)
+        counts = pose_work.count_everywhere(threads or available_cores(), run.step) if everywhere else None
     arrays = run.state.values
     if not any(finding.code in _STRAINS for finding in findings):
         worst = int(arrays["norm_mean"][0].argmax())

@@ -62,7 +62,6 @@ def monte_carlo(
     /,
     q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
     *,
-    pose: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
     approach: object = None,
     samples: int = 100_000,
     seed: int = 0,
@@ -91,8 +90,7 @@ def monte_carlo(
 
     Args:
         error_model: Chain, draws and sources.
-        q, pose: The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's
-            first pose. The two arguments are synonyms.
+        q: The pose: joint values in chain order, by joint name, or the name of a pose; by default the model's first.
         approach: Direction in which each joint moved last, as in :class:`precision_pin.ApproachedPose`, ``"joint1 +,
             joint2 -"``; by default that of the pose.
         samples: Number of built robots; with ``until``, the largest number.
@@ -134,13 +132,10 @@ def monte_carlo(
         40.2 True
     """
     run_settings = RunSettings(threads, processes, executor, tasks_under_way, journal, resume, files, progress, tell)
-    if pose is not None and q is not None:
-        raise InputError("q and pose mean the same; give one of them")
     findings = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     check_samples(samples, keep_samples=keep_samples)
     specifications = listed_specifications(specifications)
-    pose = q if pose is None else pose
-    pose = pose if approach is None else ApproachedPose(pose, approach)
+    pose = q if approach is None else ApproachedPose(q, approach)
     until = (until,) if isinstance(until, str) else check_items("until, targets,", until, str)
     if keep_samples and journal is not None:
         raise InputError("a journal holds statistics only; keep_samples is not possible with a journal")
@@ -230,6 +225,7 @@ def _result(
         sources=len(error_model.sources),
         warnings=tuple(str(finding) for finding in (*known, *new_findings)),
         errors=errors,
+        space=None if errors is None else at.space,
         findings=known,
         datum=error_model.datum_record(at),
         **more,

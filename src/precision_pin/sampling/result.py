@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
+from precision_pin.base.arguments import check_flag, check_memory
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, visible
 from precision_pin.base.versions import versions
@@ -23,12 +24,14 @@ from precision_pin.render.html import element, rendered
 from precision_pin.render.result_io import JsonResult
 from precision_pin.robot.configurations import approach_entry
 from precision_pin.statistics import (
+    NORMS,
     QUANTITIES,
     Distribution,
     SpecificationResult,
     Summary,
     VectorDistribution,
     format_share,
+    quantity_values,
 )
 from precision_pin.statistics.distribution import CONTENTS
 from precision_pin.statistics.precision import Precision
@@ -128,7 +131,7 @@ class MonteCarloResult(Record, JsonResult):
         until: Targets at which sampling was to end.
         findings: Findings passed in, such as those of the sheet.
         warnings: One line each: the findings, then the warnings of the analysis.
-        errors: ``(6, N)`` every sample, if they were kept.
+        errors, space: ``(6, N)`` every sample, and the model's space, if they were kept.
         relative_to: The pose whose errors are subtracted (:func:`precision_pin.relative`), if any.
         datum: What the errors are counted against; None for base axes.
 
@@ -186,6 +189,7 @@ class MonteCarloResult(Record, JsonResult):
     versions: Mapping[str, str] = field(default_factory=versions)
     relative_to: RelativeTo | None = None
     datum: DatumRecord | None = None
+    space: Space | None = field(default=None, repr=False)
     # fields, because interpreters complete names after a property from its class only, which has no fields
     position: VectorDistribution = field(init=False, repr=False)
     attitude: VectorDistribution = field(init=False, repr=False)
@@ -279,15 +283,33 @@ class MonteCarloResult(Record, JsonResult):
         rows = [((name,), frame_row(_columns(levels), self.summary.distribution(name))) for name in QUANTITIES]
         return tables.data_frame(["quantity"], rows, {**self._attributes(), "warnings": list(self.warnings)})
 
-    def samples_to_pandas(self) -> pandas.DataFrame:
+    def samples_to_pandas(self, *, inputs: bool = False) -> pandas.DataFrame:
         """Return every sampled error as a data frame: a row a robot, dx, dy, dz in m and rx, ry, rz in rad.
 
+        Args:
+            inputs: For regressions and sensitivity analyses: first a column for each component of the model's space,
+                SI, named as there (of a relative error: at its pose); last ``position.norm`` and ``attitude.norm``.
+
         Raises:
-            InputError: The samples were not kept, or pandas is not installed.
+            InputError: The samples were not kept, the frame does not fit into memory, or pandas is not installed.
+
+        Examples:
+            >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+            >>> frame = pp.monte_carlo(model, samples=2000, keep_samples=True).samples_to_pandas(inputs=True)
+            >>> print(frame.shape, frame.columns[0], frame.columns[-1])
+            (2000, 34) a0 attitude.norm
         """
         if self.errors is None:
             raise InputError("the samples were not kept; sample with keep_samples=True")
-        frame = tables.optional("pandas").DataFrame(self.errors.T.copy(), columns=list(_COMPONENTS))
+        names, parts, pandas = list(_COMPONENTS), [self.errors], tables.optional("pandas")
+        if check_flag("inputs", inputs) and self.space is not None:
+            size, count = self.space.size, self.samples
+            # the frame, the components and the variates from which they are computed
+            check_memory(32.0 * (size + 8) * count, f"a frame of {count:,} samples with {size} inputs", "keep fewer")
+            norms = list(NORMS)
+            names = [*self.space.components, *names, *(QUANTITIES[row] for row in norms)]
+            parts = [self.space.sample(self.seed, 0, count), self.errors, quantity_values(self.errors)[norms]]
+        frame = pandas.DataFrame(np.concatenate(parts).T, columns=names)
         frame.index.name = "sample"
         frame.attrs = {**self._attributes(), "units": dict(tables.UNITS)}
         return frame

@@ -34,7 +34,7 @@ def check_common(
     confidence: float = 0.95,
 ) -> tuple[Finding, ...]:
     """Check the arguments common to all analyses before any work is done, and return the findings."""
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_instance("the error model", error_model, ErrorModel, "as ErrorModel.load returns it")
     check_seed(seed)
     check_confidence(confidence)
     check_progress(progress)

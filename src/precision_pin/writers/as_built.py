@@ -359,8 +359,7 @@ def write_units(
 
 
 def export(
-    error_model: ErrorModel,
-    /,
+    model: ErrorModel,
     folder: str | os.PathLike[str],
     pose: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
     *,
@@ -374,7 +373,7 @@ def export(
     the export pose.
 
     Args:
-        error_model: The arm and its errors.
+        model: The arm and its errors.
         folder: Where to write; it is made if it is not there.
         pose: The export pose, by default the model's first.
         units, first, seed: Number of robots, number of the first, and the 64-bit seed: those of
@@ -391,14 +390,14 @@ def export(
         >>> print([path.name for path in pp.export(model, "built", units=2)])
         ['4dof.unit0000.urdf', '4dof.unit0001.urdf']
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load returns it")
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     check_whole("units", units, 1, MOST_UNITS)
     check_whole("first", first, 0, 2**64 - units)
     check_seed(seed)
-    sheet = "" if error_model.sheet is None else Path(error_model.sheet.file).name
+    sheet = "" if model.sheet is None else Path(model.sheet.file).name
     if not check_path("the folder", folder):
         raise InputError("the folder has no name")
     target = Path(folder)
-    writer = AsBuilt.prepare(error_model, pose, sheet=sheet)
+    writer = AsBuilt.prepare(model, pose, sheet=sheet)
     names = write_units(writer, target, first=first, units=units, seed=seed, progress=lambda _: None)
     return [target / name for name in names]

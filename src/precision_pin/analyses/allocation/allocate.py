@@ -324,8 +324,7 @@ _MOST_SKEWED, _MOST_CURVED = 0.3, 1.35
 @warns_at_end
 @takes_datum
 def allocate(
-    error_model: ErrorModel,
-    /,
+    model: ErrorModel,
     problem: Mapping[str, Any] | None = None,
     *,
     seed: int = 0,
@@ -343,7 +342,7 @@ def allocate(
     tolerances are chosen again and verified with fresh samples. The intervals of all rounds hold together.
 
     Args:
-        error_model: Model read from a sheet or a dictionary.
+        model: Model read from a sheet or a dictionary.
         problem: ``tolerances``, ``specs`` and ``poses`` as in the sheet's ``allocate:``; by default the sheet's own.
         seed: 64-bit seed of the samples.
         seconds: Time for the choice of grades, and again for the front; then the best so far is returned, with its gap.
@@ -363,19 +362,19 @@ def allocate(
         >>> print(result.met, result.cost_before, round(result.cost))
         True 10.0 57
     """
-    common = check_common(error_model, seed=seed, findings=findings, progress=progress)
+    common = check_common(model, seed=seed, findings=findings, progress=progress)
     check_number("the seconds of an allocation", seconds, "a number above zero", lambda value: value > 0)
     if isinstance(pareto, bool) or not isinstance(pareto, int) or pareto != 0:
         check_whole("the number of points of the front", pareto, 2, MOST_POINTS, f"of 0, or from 2 to {MOST_POINTS}")
     check_whole("the samples that a margin is for", for_samples, 0, _MAX_SHOWN)
-    task = read_problem(error_model, problem)
+    task = read_problem(model, problem)
     with steps_to(progress, allocation_steps(task, pareto), "steps") as advance:
         bounded = any(isinstance(limit, Bound) and limit.kind == "worst_case" for limit in task.limits)
         try:
-            parts = contributions(error_model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
+            parts = contributions(model, task.tolerances, task.poses, worst_case=bounded, advance=advance)
         except NoScaleError as error:
-            raise no_scale_error(error_model, error) from None
-        judge = Judge(error_model, task, int(seed), int(for_samples))
+            raise no_scale_error(model, error) from None
+        judge = Judge(model, task, int(seed), int(for_samples))
         # tolerances of one group have one number; one without a group has its own
         names = [tolerance.group or f"\0{k}" for k, tolerance in enumerate(task.tolerances)]
         order = list(dict.fromkeys(names))

@@ -15,8 +15,8 @@ DECLARATION = Declaration(
     options=(
         *AT_POSES,
         Option(
-            "--samples", "samples", "Points a set: 32 × a power of two.", int, 16_384, "N",
-            check=f"{__name__}.budget:check_points", group=SAMPLING,
+            "--samples", "samples", "Points a set, rounded up to 32 × a power of two.", int, 16_384, "N",
+            check=f"{__name__}.budget:round_up_points", group=SAMPLING,
         ),
         Option("--k", "k", "Unbounded laws reach k standard deviations in the share of the worst case.", float, 3.0),
         Option(

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 import numpy as np
@@ -25,11 +25,19 @@ from scipy import special
 from precision_pin.analyses import shares as closed_form
 from precision_pin.analyses.budget import budget_result
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
-from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, half_widths, jackknife, law_breaks
+from precision_pin.analyses.replicates import (
+    REPLICATES,
+    Estimates,
+    Marginals,
+    half_widths,
+    jackknife,
+    law_breaks,
+    round_up_samples,
+)
 from precision_pin.analyses.result import list_warnings
-from precision_pin.base.arguments import check_memory, check_number, shown
+from precision_pin.base.arguments import check_memory, check_number
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end
+from precision_pin.base.errors import Finding, InputError, UnknownNameError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
@@ -203,31 +211,27 @@ MOST_NUMBERS: Final = 3e11
 @warns_at_end
 @takes_datum
 def budget(
-    error_model: ErrorModel,
-    /,
-    pose: Poses = None,
-    *,
+    model: ErrorModel,
     poses: Poses = None,
-    q: Poses = None,
+    *,
     seed: int = 0,
     samples: int = 16_384,
     confidence: float = 0.95,
     k: float = 3.0,
-    bound_at: float | None = None,
     findings: Sequence[Finding] = (),
     progress: Progress | bool | None = None,
 ) -> budget_result.BudgetResult:
     """Return the error budget at one or several poses.
 
     Args:
-        error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
+        model: Chain, draws and sources.
+        poses: A pose (name, joint values, or None for the first) or a list of poses.
         seed: 64-bit seed of the sampled indices and quantiles.
-        samples: Points in each of the two sets of the pick-freeze method: 32 independent scrambles of a power of two.
-            The exact model is evaluated about ``samples · (2 + 3 · draws)`` times.
+        samples: Points in each of the two sets of the pick-freeze method, rounded up to 32 independent scrambles of a
+            power of two. The exact model is evaluated about ``samples · (2 + 3 · draws)`` times.
         confidence: Confidence of each single interval.
-        k, bound_at: Number of standard deviations at which unbounded laws are cut in the share of the worst case, as in
-            :func:`precision_pin.worst_case`. The second is the former name of the first.
+        k: Number of standard deviations at which unbounded laws are cut in the share of the worst case, as in
+            :func:`precision_pin.worst_case`.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of evaluations since its last call; ``True`` shows a bar.
 
@@ -241,35 +245,31 @@ def budget(
         axis_install[joint1].A 0.25
     """
     pose_list, findings = check_request(
-        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+        model, poses, seed=seed, confidence=confidence, findings=findings, progress=progress
     )
-    check_points(samples)
-    name, k = ("k", k) if bound_at is None else ("bound_at", bound_at)
-    check_number(f"{name}, in standard deviations,", k, "positive and finite", lambda value: value > 0)
-    _check_cost(error_model.space, samples)
-    with steps_to(progress, count_steps(error_model.space, len(pose_list), samples), "robots") as step:
-        lines = closed_form.source_lines(error_model)
-        entries = tuple(_at_pose(error_model, lines, pose, seed, samples, confidence, k, step) for pose in pose_list)
+    samples, rounding = round_up_points(samples)
+    add(rounding)
+    check_number("k, in standard deviations,", k, "positive and finite", lambda value: value > 0)
+    _check_cost(model.space, samples)
+    with steps_to(progress, count_steps(model.space, len(pose_list), samples), "robots") as step:
+        lines = closed_form.source_lines(model)
+        entries = tuple(_at_pose(model, lines, pose, seed, samples, confidence, k, step) for pose in pose_list)
     return budget_result.BudgetResult(
-        provenance=Provenance.of(error_model, seed),
-        samples=int(samples),
+        provenance=Provenance.of(model, seed),
+        samples=samples,
         confidence=confidence,
         k=k,
         marked=MARKED,
         poses=entries,
         findings=findings,
-        warnings=list_warnings(findings, (line for entry in entries for line in entry.warnings)),
+        warnings=list_warnings(
+            findings, (*map(str, rounding), *(line for entry in entries for line in entry.warnings))
+        ),
     )
 
 
-def check_points(samples: int) -> None:
-    """Check that the number of points is 32 times a power of two from 32 to 2¹³."""
-    allowed = [REPLICATES << k for k in range(5, 14)]
-    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
-        raise InputError(
-            f"the number of samples must be {REPLICATES} times a power of two from 32 to 2^13 "
-            f"({allowed[0]}, {allowed[1]}, … {allowed[-1]}), got {shown(samples)}"
-        )
+round_up_points: Final = partial(round_up_samples, smallest=5, largest=13)
+"""Return the number of points in a set, 32 times a power of two from 32 to 2¹³, and a warning if it was rounded up."""
 
 
 def _check_cost(space: Space, samples: int) -> None:
@@ -297,7 +297,7 @@ def evaluations(space: Space, samples: int) -> int:
 def count_steps(space: Space, poses: int, samples: int, **options: object) -> int:
     """Return the number of progress steps of a budget."""
     del options
-    return poses * evaluations(space, samples)
+    return poses * evaluations(space, round_up_points(samples)[0])
 
 
 def check_quantities(quantities: Sequence[str]) -> tuple[str, ...]:

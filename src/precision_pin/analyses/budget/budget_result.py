@@ -164,7 +164,7 @@ class BudgetResult(Result):
         "first, total: Sobol indices of the exact model; intervals are for each number by itself",
         "a draw that several sources use has its own line among the sources",
         "joints and links: negative where a number that acts at several of them has opposite effects there",
-        "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach bound_at deviations",
+        "worst_case: share of the half-width of the first-order range of a component; unbounded laws reach k deviations",
         "null: does not vary, or is not resolved (too few points for tails or rare values of the laws, a jump at the quantile)",
         "halved: the draw's deviation from its mean is halved, all else unchanged; std in closed form, quantile sampled",
     )
@@ -172,11 +172,6 @@ class BudgetResult(Result):
     k: float
     marked: float
     poses: tuple[PoseBudget, ...]
-
-    @property
-    def bound_at(self) -> float:
-        """Former name of ``k``."""
-        return self.k
 
     def to_pandas(self, lines: Literal["draws", "sources", "places"] = "draws") -> pandas.DataFrame:
         """Return a data frame, m and rad, NaN where not available: a row for each pose, line and quantity.

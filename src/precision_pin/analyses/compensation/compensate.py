@@ -171,8 +171,7 @@ _MOST_ROWS = 20  # rows of the notebook's table
 @warns_at_end
 @takes_datum
 def compensate(
-    error_model: ErrorModel,
-    /,
+    model: ErrorModel,
     poses: PosesGiven,
     *,
     mode: Mode = "position",
@@ -186,7 +185,7 @@ def compensate(
     calibrated errors. Newton's method on the arm with its errors removes it (:func:`correct`).
 
     Args:
-        error_model: Chain, draws and sources.
+        model: Chain, draws and sources.
         poses: A :class:`precision_pin.robot.pose_set.PoseSet`, or poses as for :func:`precision_pin.sample_poses`.
         mode: ``"position"``, or ``"pose"`` for position and attitude, which needs six joints.
         weights: With ``"pose"``: six weights, 1/m and 1/rad. The weighted sum of squares is then minimised, which suits
@@ -207,7 +206,7 @@ def compensate(
         >>> print(np.degrees(result.corrected[:, 0]).round(2))
         [-90.23   2.32  87.74 -91.  ]
     """
-    check_instance("error_model", error_model, ErrorModel, "as ErrorModel.load makes it")
+    check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
     check_choice("mode", mode, ("position", "pose"))
     known_findings = check_items("findings", findings, Finding)
     check_progress(progress)
@@ -217,24 +216,24 @@ def compensate(
     effective = np.repeat([1.0, float(mode == "pose")], 3) if is_exact else check_numbers("weights", weights, (6,))
     if (effective < 0).any() or not effective.any():
         raise InputError("weights must not be negative, and one must be positive")
-    component_count, joints = np.count_nonzero(effective), len(error_model.chain.joints)
+    component_count, joints = np.count_nonzero(effective), len(model.chain.joints)
     if is_exact and joints < component_count:
         other = "correct the position, or give weights" if mode == "pose" else 'give weights with mode="pose"'
         raise InputError(f"{mode} has {component_count} components, which {joints} joints cannot all correct; {other}")
-    all_poses = pose_set(error_model, poses)
+    all_poses = pose_set(model, poses)
     is_known = all_poses.known
     if not is_known.any():
         raise InputError(f"none of the {len(all_poses):,} poses has joint values")
-    values, approaches, lines = all_poses.q[:, is_known], all_poses.of(is_known).approaches, source_lines(error_model)
+    values, approaches, lines = all_poses.q[:, is_known], all_poses.of(is_known).approaches, source_lines(model)
     with steps_to(progress, values.shape[1], "poses") as step:
-        correction = correct(error_model, values, approaches, effective, is_exact, step)
+        correction = correct(model, values, approaches, effective, is_exact, step)
     is_corrected = np.array(correction.status) == "corrected"
-    moments_before = first_order(error_model, values, approaches, lines, None, lambda _: None)
+    moments_before = first_order(model, values, approaches, lines, None, lambda _: None)
     quantiles_after = np.full((2, len(is_corrected)), np.nan)
     shares = np.full((len(lines), len(is_corrected)), np.nan)
     if is_corrected.any():
         sides = None if approaches is None else approaches[:, is_corrected]
-        moments_after = first_order(error_model, correction.q[:, is_corrected], sides, lines, None, lambda _: None)
+        moments_after = first_order(model, correction.q[:, is_corrected], sides, lines, None, lambda _: None)
         quantiles_after[:, is_corrected] = _quantiles(correction.after[:, is_corrected], moments_after.covariance)
         shares[:, is_corrected] = moments_after.shares
 
@@ -247,16 +246,16 @@ def compensate(
     status[is_known] = correction.status
     worst = int(np.nanargmax(np.linalg.norm(spread(correction.before)[:3], axis=0)))
     pose_warnings = (
-        *pose_findings(error_model.chain, values, list(itertools.compress(all_poses.labels, is_known))),
+        *pose_findings(model.chain, values, list(itertools.compress(all_poses.labels, is_known))),
         *strained_findings(
-            error_model, approached(all_poses.take(np.array([worst])))[0], all_poses.labels[worst], first_order=True
+            model, approached(all_poses.take(np.array([worst])))[0], all_poses.labels[worst], first_order=True
         ),
     )
     add(pose_warnings)
     return CompensationResult(
-        provenance=Provenance.of(error_model, 0),
-        joints=tuple(error_model.chain.joint_names),
-        prismatic=tuple(error_model.chain.prismatic),
+        provenance=Provenance.of(model, 0),
+        joints=tuple(model.chain.joint_names),
+        prismatic=tuple(model.chain.prismatic),
         poses=all_poses,
         mode=mode,
         weights=None if is_exact else effective,

@@ -296,12 +296,9 @@ _NORMS: Final = {"position.norm": slice(0, 3), "attitude.norm": slice(3, 6)}
 @warns_at_end
 @takes_datum
 def exact_law(
-    error_model: ErrorModel,
-    /,
-    pose: Poses = None,
-    *,
+    model: ErrorModel,
     poses: Poses = None,
-    q: Poses = None,
+    *,
     seed: int = 0,
     samples: int = 100_000,
     confidence: float = 0.999,
@@ -311,8 +308,8 @@ def exact_law(
     """Return the law of every component of the first-order model, and of the norms where all draws are normal.
 
     Args:
-        error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
+        model: Chain, draws and sources.
+        poses: A pose (name, joint values, or None for the first) or a list of poses.
         seed, samples, confidence: Seed, number and confidence of tangent-model samples for comparison.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Called with the samples drawn, then compared, since its last call; ``True`` shows a bar.
@@ -327,19 +324,19 @@ def exact_law(
         14.7045
     """
     pose_list, findings = check_request(
-        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+        model, poses, seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_whole("the number of samples", samples, 100, MOST_SAMPLES)
-    _check_copulas(error_model.space)
+    _check_copulas(model.space)
     count = int(samples)
-    with steps_to(progress, count_steps(error_model.space, len(pose_list), count)) as step:
-        deviations = _deviations(error_model.space, seed, count, step)
+    with steps_to(progress, count_steps(model.space, len(pose_list), count)) as step:
+        deviations = _deviations(model.space, seed, count, step)
         entries = []
         for pose in pose_list:
-            entries.append(_at_pose(error_model, pose, deviations, confidence))
+            entries.append(_at_pose(model, pose, deviations, confidence))
             step(count)
     return ExactLawResult(
-        provenance=Provenance.of(error_model, seed),
+        provenance=Provenance.of(model, seed),
         samples=count,
         confidence=float(confidence),
         poses=tuple(entries),

@@ -54,8 +54,7 @@ _AXES: Final = (("x", "y", "z"), ("a", "b", "c"))
 @warns_at_end
 @takes_datum
 def iso9283(
-    error_model: ErrorModel,
-    /,
+    model: ErrorModel,
     poses: ArrayLike | Mapping[str, ArrayLike] | Sequence[object] | PoseSet | None = None,
     *,
     cycles: int = CYCLES,
@@ -76,7 +75,7 @@ def iso9283(
     for a robot and pose, those of visit scope in each cycle. The laws thus include the scatter over robots and tests.
 
     Args:
-        error_model: Chain, draws and sources.
+        model: Chain, draws and sources.
         poses: The poses P1, P2, …: as in :func:`precision_pin.sample_poses`, or a set of poses. By default the
             standard's five in the largest cube within reach, with the tool's orientation of the model's first pose.
         cycles: Cycles of a test, n ≥ 2; the standard has 30.
@@ -106,7 +105,7 @@ def iso9283(
         >>> print(round(1e3 * RP.quantile(0.5), 1))
         0.9
     """
-    common = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    common = check_common(model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     arguments.check_whole("the number of cycles", cycles, 2, MOST_VISITS)
     arguments.check_whole("the number of robots", robots, 1, MOST_ROBOTS)
     if threads is not None:
@@ -115,28 +114,28 @@ def iso9283(
     point = _measured_point(target)
     mass = arguments.check_quantity("the load", load, MASS, "zero or more and finite", lambda kg: kg >= 0)
     if mass:
-        loaded = error_model.like(error_model.chain.with_payload(mass, tuple(point.tolist())), error_model.space)
-        loaded.sheet = error_model.sheet
-        error_model = loaded
+        loaded = model.like(model.chain.with_payload(mass, tuple(point.tolist())), model.space)
+        loaded.sheet = model.sheet
+        model = loaded
     cube = None
     if poses is None:
-        if not error_model.poses:
+        if not model.poses:
             raise InputError("the model has no pose to take the tool's orientation from; give the poses of the test")
-        poses, cube = standard_poses(error_model.chain, error_model.configuration(), point)
-    values, names, approaches = _poses(error_model, poses)
+        poses, cube = standard_poses(model.chain, model.configuration(), point)
+    values, names, approaches = _poses(model, poses)
     count = values.shape[1]
     arguments.check_memory(
         8.0 * robots * (35 * count + 10), f"testing {robots:,} robots at {count} poses", "test fewer of them"
     )
-    models = tuple(error_model.at_columns(values, approaches))
+    models = tuple(model.at_columns(values, approaches))
     setup = _set_up(models, point, int(seed), int(cycles), arguments.check_flag("fit_base", fit_base))
-    warnings = _warnings(error_model, models, names)
+    warnings = _warnings(model, models, names)
     add(warnings)
     with steps_to(progress, robots * count * cycles) as step:
         figures = _simulate(
             setup, int(robots), threads or available_cores(), lambda tests: step(tests * int(cycles) * count)
         )
-    labels = [replace(PoseLabel.of(error_model, None, at), name=name) for at, name in zip(models, names, strict=True)]
+    labels = [replace(PoseLabel.of(model, None, at), name=name) for at, name in zip(models, names, strict=True)]
 
     def law(values: Array) -> FigureLaw:
         return FigureLaw(np.ascontiguousarray(values), confidence)
@@ -155,12 +154,12 @@ def iso9283(
         )
         for pose in range(count)
     }
-    of_test, absent = _figures_of_test(error_model, figures, models[0].posture.q, setup, int(robots))
+    of_test, absent = _figures_of_test(model, figures, models[0].posture.q, setup, int(robots))
     single = {name: None if values is None else law(values) for name, values in of_test.items()}
-    grounds = grounds_at(error_model, values, list(forecasts)) if limits else NO_GROUNDS
+    grounds = grounds_at(model, values, list(forecasts)) if limits else NO_GROUNDS
     verdicts = [_judge(limit, forecasts, single, absent, confidence, grounds) for limit in limits]
     return Iso9283Result(
-        provenance=Provenance.of(error_model, seed),
+        provenance=Provenance.of(model, seed),
         cycles=int(cycles),
         robots=int(robots),
         confidence=confidence,

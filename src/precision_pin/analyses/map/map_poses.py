@@ -447,8 +447,7 @@ _AT_ONCE: Final = 2048
 @warns_at_end
 @takes_datum
 def map_poses(
-    error_model: ErrorModel,
-    /,
+    model: ErrorModel,
     poses: PosesGiven,
     *,
     samples: int | None = None,
@@ -476,7 +475,7 @@ def map_poses(
     since the worst of many poses is a biased choice. With ``samples`` the same robots are sampled at every pose.
 
     Args:
-        error_model: Chain, draws and sources.
+        model: Chain, draws and sources.
         poses: A :class:`precision_pin.robot.pose_set.PoseSet`, such as a grid; or poses as for
             :func:`precision_pin.sample_poses`. Where no joint values are known, every number is NaN.
         samples: Number of built robots to sample at every pose; ``None`` for the closed form alone.
@@ -503,28 +502,28 @@ def map_poses(
         >>> print(poses.names[result.worst_first[0]], (1e3 * result.quantile[1, 0]).round(1))
         -30° [104.7  86.5  46.8]
     """
-    findings = check_common(error_model, seed=seed, findings=findings, progress=progress, confidence=confidence)
+    findings = check_common(model, seed=seed, findings=findings, progress=progress, confidence=confidence)
     if samples is not None:
         check_whole("the number of samples", samples, 1, MOST_SAMPLES)
     check_whole("verify, a number of poses,", verify, 0, 10_000)
     if journal is not None and samples is None:
         raise InputError("a journal keeps sampled poses; give the number of samples too, or leave the journal out")
     limits = listed_specifications(specifications)
-    pose_list = pose_set(error_model, poses)
-    lines = source_lines(error_model)
+    pose_list = pose_set(model, poses)
+    lines = source_lines(model)
     vectors = list(dict.fromkeys((*_NORMS, *(limit.components for limit in limits))))
     _check_size(pose_list, len(lines), len(vectors), is_relative=relative_to is not None)
     if not pose_list.known.any():
         raise InputError(f"none of the {len(pose_list):,} poses has joint values: {pose_list.counts}")
-    reference = None if relative_to is None else error_model.at(relative_to)
+    reference = None if relative_to is None else model.at(relative_to)
     values = pose_list.q[:, pose_list.known]
     labels = pose_list.labels
     known_labels = [label for label, is_known in zip(labels, pose_list.known, strict=True) if is_known]
     approaches = None if pose_list.approaches is None else pose_list.approaches[:, pose_list.known]
     new_findings = (
-        *(error_model.chain.collision_notes if pose_list.obstructed else ()),
-        *pose_findings(error_model.chain, values, known_labels),
-        *exact_findings(error_model, values, approaches),
+        *(model.chain.collision_notes if pose_list.obstructed else ()),
+        *pose_findings(model.chain, values, known_labels),
+        *exact_findings(model, values, approaches),
     )
     judges = samples is None and verify > 0 and bool(limits)
     steps = count_steps(len(pose_list), samples, verify, judged=judges)
@@ -534,17 +533,17 @@ def map_poses(
         count = values.shape[1]
         # half of the steps for the moments of all poses, half for their quantiles and bounds
         halves = [scaled(step, count, steps_of) for steps_of in (count // 2, count - count // 2)]
-        closed = first_order(error_model, values, approaches, lines, reference, halves[0], vectors)
+        closed = first_order(model, values, approaches, lines, reference, halves[0], vectors)
         arrays = _closed_form(pose_list, closed, vectors, limits, reference, halves[1])
         new_findings = (*new_findings, *_normality_warnings(closed, known_labels))
         result = MapResult(
-            provenance=Provenance.of(error_model, seed),
-            joints=tuple(error_model.chain.joint_names),
+            provenance=Provenance.of(model, seed),
+            joints=tuple(model.chain.joint_names),
             poses=pose_list,
             specifications=limits,
             judged=Judged.nothing(len(limits), len(pose_list)),
             sources=tuple(line.name for line in lines),
-            grounds=grounds_at(error_model, values, known_labels, unreached=pose_list.unreached),
+            grounds=grounds_at(model, values, known_labels, unreached=pose_list.unreached),
             confidence=confidence,
             findings=findings,
             warnings=tuple(dict.fromkeys(map(str, (*findings, *new_findings)))),
@@ -555,7 +554,7 @@ def map_poses(
             ranks: NDArray[np.intp], count: int, of: float, step: Progress, seed: int = check, **options: Any
         ) -> Sampled:
             sampled = sample_poses(
-                error_model, approached(pose_list.take(ranks)), samples=count, seed=seed, specifications=limits,
+                model, approached(pose_list.take(ranks)), samples=count, seed=seed, specifications=limits,
                 confidence=of, threads=threads, processes=processes, executor=executor, tasks_under_way=tasks_under_way,
                 progress=step, **options,
             )  # fmt: skip
@@ -579,7 +578,7 @@ def map_poses(
     # statics are checked at the most strained poses; each check solves the deflected arm
     highest = result.worst_first[0]
     pose = approached(pose_list.take(np.array([highest])))[0]
-    strained = strained_findings(error_model, pose, labels[highest], first_order=samples is None)
+    strained = strained_findings(model, pose, labels[highest], first_order=samples is None)
     add((*new_findings, *strained))
     return replace(result, warnings=(*result.warnings, *map(str, strained)))
 

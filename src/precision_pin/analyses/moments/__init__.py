@@ -17,8 +17,8 @@ DECLARATION = Declaration(
             choices=("control", "sobol", "sobol-control", "plain", "closed"),
         ),
         Option(
-            "--samples", "samples", "32 × a power of two.", int, 65_536, "N",
-            check=f"{__name__}.moments:check_samples", group=SAMPLING,
+            "--samples", "samples", "Rounded up to 32 × a power of two.", int, 65_536, "N",
+            check=f"{__name__}.moments:round_up_total", group=SAMPLING,
         ),
     ),
     steps=f"{__name__}.moments:count_steps",

@@ -36,6 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, cast, get_args
 
 import numpy as np
@@ -43,11 +44,11 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.moments.moments_control import STEP, Control, ErrorAround, Uncorrelated, thin
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
-from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, jackknife, law_breaks
+from precision_pin.analyses.replicates import REPLICATES, Estimates, Marginals, jackknife, law_breaks, round_up_samples
 from precision_pin.analyses.result import Result, answer_of, list_warnings, subject
-from precision_pin.base.arguments import check_name, shown
+from precision_pin.base.arguments import check_name
 from precision_pin.base.arrays import Array, Keys, Record
-from precision_pin.base.errors import Finding, InputError, warns_at_end
+from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
@@ -313,12 +314,9 @@ _ROUNDING: Final = 1e-14  # spread (m, rad) that counts as rounding
 @warns_at_end
 @takes_datum
 def moments(
-    error_model: ErrorModel,
-    /,
-    pose: Poses = None,
-    *,
+    model: ErrorModel,
     poses: Poses = None,
-    q: Poses = None,
+    *,
     samples: int = 65_536,
     seed: int = 0,
     method: Method = "control",
@@ -329,9 +327,9 @@ def moments(
     """Return mean and covariance of the exact error, and mean and variance of its norms, with their errors.
 
     Args:
-        error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
-        samples: Number of samples at each pose: 32 replicates of a power of two from 32 to 2¹⁹.
+        model: Chain, draws and sources.
+        poses: A pose (name, joint values, or None for the first) or a list of poses.
+        samples: Number of samples at each pose, rounded up to 32 replicates of a power of two from 32 to 2¹⁹.
         seed: 64-bit seed. The random samples are units 0, 1, … as in :func:`precision_pin.monte_carlo`.
         method: ``"control"``: random samples, with the tangent and the most important products as control variate.
             ``"sobol"``: scrambled Sobol points, with the inverse of every law. ``"sobol-control"``: both. ``"plain"``:
@@ -352,44 +350,42 @@ def moments(
         [  7.692  28.344 -22.123]
     """
     pose_list, findings = check_request(
-        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+        model, poses, seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_name("method", method, get_args(Method))
-    count = check_samples(samples)
-    if method.startswith("sobol") and error_model.space.size > MOST_NUMBERS:
+    size, rounding = round_up_total(samples)
+    if method == "closed":
+        size, rounding = 0, []
+    add(rounding)
+    if method.startswith("sobol") and model.space.size > MOST_NUMBERS:
         raise InputError(
-            f"the model has {error_model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
+            f"the model has {model.space.size:,} random numbers, a Sobol net at most {MOST_NUMBERS:,} dimensions; "
             "use method 'control'"
         )
-    size = 0 if method == "closed" else REPLICATES * count
-    with steps_to(progress, count_steps(error_model.space, len(pose_list), size, method)) as step:
-        entries = tuple(_at_pose(error_model, pose, method, count, int(seed), confidence, step) for pose in pose_list)
+    with steps_to(progress, count_steps(model.space, len(pose_list), size, method)) as step:
+        settings = (method, size // REPLICATES, int(seed), confidence, step)
+        entries = tuple(_at_pose(model, pose, *settings) for pose in pose_list)
     return MomentsResult(
-        provenance=Provenance.of(error_model, seed),
+        provenance=Provenance.of(model, seed),
         method=method,
         samples=size,
         confidence=float(confidence),
         poses=entries,
         findings=findings,
-        warnings=list_warnings(findings, (line for entry in entries for line in entry.warnings)),
+        warnings=list_warnings(
+            findings, (*map(str, rounding), *(line for entry in entries for line in entry.warnings))
+        ),
     )
 
 
 def count_steps(space: Space, poses: int, samples: int, method: Method, **options: object) -> int:
     """Return the number of progress steps of the moments."""
     del space, options
-    return 0 if method == "closed" else samples * poses
+    return 0 if method == "closed" else round_up_total(samples)[0] * poses
 
 
-def check_samples(samples: int) -> int:
-    """Return the number of samples in a replicate, given their total."""
-    allowed = [REPLICATES << k for k in range(SMALLEST, LARGEST + 1)]
-    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples not in allowed:
-        raise InputError(
-            f"the number of samples must be {REPLICATES} times a power of two from 2^{SMALLEST} to 2^{LARGEST} "
-            f"({allowed[0]:,}, {allowed[1]:,}, … {allowed[-1]:,}), got {shown(samples)}"
-        )
-    return int(samples) // REPLICATES
+round_up_total: Final = partial(round_up_samples, smallest=SMALLEST, largest=LARGEST)
+"""Return the number of samples of all replicates, and a warning if it was rounded up."""
 
 
 def _at_pose(

@@ -306,13 +306,10 @@ _NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)
 @warns_at_end
 @takes_datum
 def reliability(
-    error_model: ErrorModel,
-    /,
+    model: ErrorModel,
     specifications: Specifications,
-    pose: Poses = None,
-    *,
     poses: Poses = None,
-    q: Poses = None,
+    *,
     seed: int = 0,
     samples: int = 100_000,
     confidence: float = 0.95,
@@ -322,10 +319,10 @@ def reliability(
     """Return the probability that the exact model's error keeps each specification, by several methods.
 
     Args:
-        error_model: Chain, draws and sources.
+        model: Chain, draws and sources.
         specifications: Limits of position, attitude or a component, one or a list, each from
             :func:`precision_pin.specification` or its text.
-        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
+        poses: A pose (name, joint values, or None for the first) or a list of poses.
         seed, samples, confidence: Seed and confidence of all methods; number of plain samples.
         findings: Warnings to include in the result, such as those of the sheet.
         progress: Function called with the number of plain samples added since its last call; ``True`` shows a bar.
@@ -340,9 +337,7 @@ def reliability(
         >>> print(best.method, f"{best.probability:.1e}")
         importance sampling 1.6e-06
     """
-    places, common = check_request(
-        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
-    )
+    places, common = check_request(model, poses, seed=seed, confidence=confidence, findings=findings, progress=progress)
     limits = listed_specifications(specifications)
     if not limits:
         raise InputError("no specification is given; give at least one, such as '0.5 mm @ 99.73 %'")
@@ -350,19 +345,19 @@ def reliability(
     warnings: list[str] = []
     for place in places:
         analysis = monte_carlo(
-            error_model, place, samples=samples, seed=seed, specifications=limits, confidence=confidence,
+            model, place, samples=samples, seed=seed, specifications=limits, confidence=confidence,
             findings=findings, progress=progress,
         )  # fmt: skip
         warnings += analysis.warnings
-        at = error_model.at(place)
+        at = model.at(place)
         layout = sampler.to_arrays(at)
         results = [
             _judge_specification(at, layout, specification, verdict, samples, seed, confidence)
             for specification, verdict in zip(limits, analysis.summary.specifications, strict=True)
         ]
-        entries.append(PoseReliability(PoseLabel.of(error_model, place, at), tuple(results)))
+        entries.append(PoseReliability(PoseLabel.of(model, place, at), tuple(results)))
     return ReliabilityResult(
-        provenance=Provenance.of(error_model, seed),
+        provenance=Provenance.of(model, seed),
         samples=int(samples),
         confidence=float(confidence),
         poses=tuple(entries),

@@ -309,12 +309,9 @@ _NUMBERS_AT_ONCE: Final = 2**22
 @warns_at_end
 @takes_datum
 def worst_case(
-    error_model: ErrorModel,
-    /,
-    pose: Poses = None,
-    *,
+    model: ErrorModel,
     poses: Poses = None,
-    q: Poses = None,
+    *,
     seed: int = 0,
     samples: int = 100_000,
     k: float = 3.0,
@@ -330,8 +327,8 @@ def worst_case(
     bound is the largest over all combinations of sides, possible for one robot or not.
 
     Args:
-        error_model: Chain, draws and sources.
-        pose, poses, q: A pose (name, joint values, or None for the first) or a list of poses; they are synonyms.
+        model: Chain, draws and sources.
+        poses: A pose (name, joint values, or None for the first) or a list of poses.
         seed, samples, confidence: Seed, number and confidence of the samples of the exact model for comparison.
         k: Number of standard deviations at which unbounded laws are cut.
         findings: Warnings to include in the result, such as those of the sheet.
@@ -347,25 +344,25 @@ def worst_case(
         46.6
     """
     pose_list, findings = check_request(
-        error_model, (poses, q, pose), seed=seed, confidence=confidence, findings=findings, progress=progress
+        model, poses, seed=seed, confidence=confidence, findings=findings, progress=progress
     )
     check_samples(samples)
-    size = error_model.space.size
+    size = model.space.size
     if size > MOST_NUMBERS:
         raise InputError(
             f"a worst case of {size:,} random numbers needs {2 * size**2:.1g} numbers for each step of its search; "
             f"at most {MOST_NUMBERS:,} random numbers are allowed: merge draws"
         )
-    supports = Supports.of(error_model.space, k)
+    supports = Supports.of(model.space, k)
     sampling = {"samples": samples, "seed": seed, "confidence": confidence, "progress": progress}
-    entries = [_at_pose(error_model, pose, supports, sampling) for pose in pose_list]
+    entries = [_at_pose(model, pose, supports, sampling) for pose in pose_list]
     return WorstCaseResult(
-        provenance=Provenance.of(error_model, seed),
+        provenance=Provenance.of(model, seed),
         samples=int(samples),
         confidence=confidence,
         k=float(k),
         cut=supports.cut,
-        draws=len(error_model.space.draws),
+        draws=len(model.space.draws),
         poses=tuple(result for result, _ in entries),
         findings=findings,
         warnings=list_warnings(findings, (line for _, lines in entries for line in lines)),
