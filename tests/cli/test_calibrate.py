@@ -207,7 +207,7 @@ def test_a_tolerance_edited_in_the_text_of_a_calibrated_sheet_is_said(run, folde
     said = run("analyze", "mine.errors.yaml", "--samples", "500", "--json", "-")
     (line,) = [line for line in said.err_lines if "W_TEXT_MEASURED" in line]
     # a tolerance is 3 sigma
-    assert "joint_offset[joint3].offset 0 ± 0.002, then 0 ± 0.00033;" in line
+    assert "joint_offset[joint3].offset 0 ± 2 mrad, then 0 ± 0.33 mrad;" in line
     assert "joint2" not in line
     # what was measured counts: the spread is that of the calibrated arm
     with pytest.warns(PrecisionPinWarning, match="W_TEXT_MEASURED"):

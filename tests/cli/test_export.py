@@ -50,7 +50,8 @@ def test_the_papers_arm_without_arguments(run, folder):
 def test_files_and_table_agree(run, folder, new_files):
     outcome = run("export", "gantry.urdf", "--units", "3", "--first", "7", "--seed", "5", "--out", "deep/er")
     assert outcome.out == ""
-    assert outcome.err == "wrote deep/er: units.csv, gantry.unit0007.urdf to gantry.unit0009.urdf\n"
+    named = "gantry.urdf: with the sheet beside it, gantry.errors.yaml\n"
+    assert outcome.err == f"{named}wrote deep/er: units.csv, gantry.unit0007.urdf to gantry.unit0009.urdf\n"
     names = [f"gantry.unit000{k}.urdf" for k in (7, 8, 9)]
     assert new_files() == {"deep", "deep/er", "deep/er/units.csv", *(f"deep/er/{name}" for name in names)}
     rows = table(folder / "deep/er/units.csv")

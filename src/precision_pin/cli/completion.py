@@ -194,6 +194,7 @@ def _below(path: str, node: Any) -> Iterator[str]:
 
 _NAMES: Final[dict[str, Callable[[click.Context, str], Iterable[str]]]] = {
     "POSE": lambda context, _: (name for name, _ in _pairs(_read(context)[0].get("poses"))),
+    "DATUM": lambda context, _: ("none", *(name for name, _ in _pairs(_read(context)[0].get("datums")))),
     "FRAME": _links,
     "LINK": _links,
     "VALUES": _joint_values,

@@ -163,8 +163,8 @@ target_option: Final = together(
     ),
     robot_option(
         "--datum",
-        metavar="NAME[,NAME]",
-        help="Count errors against a datum of the sheet, or several in order; none: base axes.",
+        metavar="DATUM",
+        help="Count errors against a datum of the sheet, or several, A,B, in order; none: base axes.",
     ),
 )
 json_option: Final = output_option(
