@@ -184,6 +184,10 @@ class Procedures:
         """The visits of all procedures."""
         return tuple(self._visit(datum, k) for datum in self.datums for k in range(len(datum.visits)))
 
+    def check(self) -> None:
+        """Raise if visits are unknown or do not determine a datum."""
+        assert len(self._maps) == len(self.datums)
+
     @cached_property
     def _maps(self) -> tuple[Maps, ...]:
         places = [visit.place for visit in self.visits]
@@ -197,7 +201,8 @@ class Procedures:
             if datum.moves_tool and not is_tip:
                 continue
             own, own_noise = self._maps[number](place, datum.view_of(q))
-            if self._keeps_attitude and datum.is_commanded:
+            # a camera sees where the hand is, not whether it could be turned as commanded
+            if self._keeps_attitude and datum.is_commanded and count == len(self.datums):
                 own[:, 3:], own_noise[:, 3:] = 0.0, 0.0
             first, first_noise = self._first[number], self._first_noise[number]
             gains[first : first + len(own)] += own
@@ -327,7 +332,7 @@ class _Robots:
 
     def jog(self, visit: int, pose: Array) -> Array:
         """Return joint values at which the true pose is as wanted."""
-        return self._search(self.commanded(visit), partial(self.true, visit), pose)
+        return self._search(visit, self.commanded(visit), partial(self.true, visit), pose)
 
     def touch(self, visit: int, position: Array) -> Array:
         """Return joint values at which the true position is as wanted, and the attitude is believed to be nominal."""
@@ -337,13 +342,13 @@ class _Robots:
 
         nominal = self._visits[self.first + visit].place[:3, :3, None]
         wanted = se3.pose(np.repeat(nominal, self._count, axis=2), position)
-        return self._search(self.commanded(visit), touched, wanted)
+        return self._search(visit, self.commanded(visit), touched, wanted)
 
     def commanded(self, visit: int) -> Array:
         """Return the joint values at which the controller believes that a visit's nominal pose is reached."""
         entry = self._visits[self.first + visit]
         q = np.repeat(entry.q[:, None], self._count, axis=1)
-        return self._search(q, lambda values: self.read(visit, values), entry.place[:, :, None]) if self._is_new else q
+        return self._search(visit, q, partial(self.read, visit), entry.place[:, :, None]) if self._is_new else q
 
     def take(self, found: Found) -> None:
         """Let the robots use what a procedure has found."""
@@ -366,8 +371,9 @@ class _Robots:
         poses = self._chain.at_columns(q).joint_poses
         return np.concatenate([np.broadcast_to(np.eye(4)[:, :, None], (1, 4, 4, q.shape[1])), poses])
 
-    def _search(self, q: Array, place: Callable[[Array], Array], wanted: Array) -> Array:
+    def _search(self, visit: int, q: Array, place: Callable[[Array], Array], wanted: Array) -> Array:
         """Return joint values at which a place is as wanted; an arm of fewer than six joints reaches the position only."""
+        link = self._visits[self.first + visit].link
         rows = 6 if len(self._chain.joints) >= 6 else 3
         for _ in range(_STEPS):
             now = place(q)
@@ -375,6 +381,11 @@ class _Robots:
             change = np.concatenate([wanted[:3, 3] - now[:3, 3], turn])[:rows]
             if np.abs(change).max() < _REACHED:
                 break
-            slopes = np.moveaxis(self._chain.at_columns(q).joint_jacobian[:rows], -1, 0)
+            arm = self._chain.at_columns(q)
+            shifts, turns = np.split(arm.joint_jacobian[:, :link], 2)
+            tip = se3.compose(arm.joint_poses[-1], self._chain.target_placement)[:3, 3]
+            slopes = np.zeros((self._count, rows, len(q)))
+            at_place = shifts + np.cross(turns, (now[:3, 3] - tip)[:, None], axis=0)
+            slopes[:, :, :link] = np.moveaxis(np.concatenate([at_place, turns])[:rows], -1, 0)
             q = q + np.einsum("nji,in->jn", np.linalg.pinv(slopes), change)
         return q

@@ -36,11 +36,10 @@ from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, orig
 from precision_pin.render.html import Table, rendered
 from precision_pin.robot.chain import Chain, HasChain, Posture, chain_of, pose_findings
 from precision_pin.robot.configurations import Approach, ApproachedPose, read_approach, read_approaches
-from precision_pin.robot.datums import Datum
+from precision_pin.robot.datums import NO_DATUM, Datum, check_together
 from precision_pin.robot.examples import ELSEWHERE, ROBOT_SUFFIXES, require_sheet, resolve_robot
 from precision_pin.sheet import Overrides, Sheet, read_data
 from precision_pin.sheet import read as read_sheet
-from precision_pin.sheet.datums import NO_DATUM
 from precision_pin.sheet.reader import MEASURED
 from precision_pin.sources.frame import Frame
 from precision_pin.terms import bound_source
@@ -188,7 +187,7 @@ class ErrorModel:
                 :class:`precision_pin.Datum` or a name of the sheet. Without any, or ``"none"``, errors are in base axes.
 
         Raises:
-            InputError: Not a datum; poses that do not determine it; two datums of one name.
+            InputError: Not a datum; poses that do not determine it; two datums of one name; a camera that is not the last.
             UnknownNameError: No such pose, frame or datum.
 
         Examples:
@@ -204,6 +203,7 @@ class ErrorModel:
         model, space = self.bare, self.bare.space
         if not listed:
             return model
+        check_together(listed)
         listed = tuple(datum.bound(len(model.chain.joints), model.configuration) for datum in listed)
         parts = [procedure_of(datum, space) for datum in listed]
         draws = [draw for source, _ in parts for draw in source.draws(source.label())]
@@ -215,7 +215,7 @@ class ErrorModel:
         procedures = [source for source, _ in parts]
         labels = (*model.labels, *(source.label() for source in procedures))
         result.sources = bound_source.LabelledSources((*model.sources, *procedures), labels)
-        result.procedures.part(model.chain.at(np.zeros(len(model.chain.joints))))
+        result.procedures.check()
         return result
 
     @property
@@ -410,7 +410,7 @@ class ErrorModel:
         """
         # a sheet can accept the simplification of nominal statics, not that robots differ from equilibrium statics
         accepted = {} if self.sheet is None or self.statics != "nominal" else self.sheet.accepted
-        return tuple(finding.accepted(accepted) for finding in statics_findings(at, self.statics, self._make_terms))
+        return tuple(finding.accepted(accepted) for finding in statics_findings(at.arm, self.statics, self._make_terms))
 
     def __repr__(self) -> str:
         counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"

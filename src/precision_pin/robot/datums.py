@@ -12,20 +12,23 @@ displacement of the place (R, p) in its own axes, ``Trans(x, y, z) · Exp(rx, ry
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
 
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_items, check_numbers, check_quantity, shown
+from precision_pin.base.arguments import check_numbers, check_quantity, check_text, shown
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import ANGLE, LENGTH
 
+NO_DATUM: Final = "none"
+"""Name for errors in base axes."""
 _FLAT: Final = 1e-6
-"""Ratio of singular values below which points lie on a line, or attitudes share an axis."""
+"""Ratio of singular values below which points lie on a line, or attitudes share an axis; also the least that counts as
+a spread at all, m or rad², so that rounding does not."""
 _SPIKE: Final = 1e-3
 """Largest distance, m, of nominal tips that are held on one point; larger ones are a mistake in the poses."""
 _ALL_WAYS: Final = 6
@@ -119,6 +122,13 @@ class Datum(ABC):
     kind: ClassVar[str]
     moves_tool: ClassVar[bool] = False
     is_commanded: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        name = check_text("the name of a datum", self.name, "fixture")
+        if not name.strip() or not name.isprintable() or "," in name or name == NO_DATUM:
+            raise InputError(
+                f"{shown(name)} is not a name of a datum; give a word without commas, other than {NO_DATUM}"
+            )
 
     @property
     def frame(self) -> str | None:
@@ -358,6 +368,10 @@ class Taught(Datum):
 
     def bound(self, joints: int, configuration: Callable[[Any], Array]) -> Datum:
         """Return the datum with the attitude taught too, unless stated, by an arm of six joints or more."""
+        if self.turns and joints < _ALL_WAYS:
+            raise InputError(
+                f"datum {self.name}: an arm of {joints} joints cannot be taught an attitude; leave turns out"
+            )
         return self if self.turns is not None else replace(self, turns=joints >= _ALL_WAYS)
 
     def find(self, robots: Robots, places: Array, noise: Array, task: Array, view: int) -> Found:
@@ -447,7 +461,7 @@ class ToolPivot(Datum):
         different = places[:, :3, :3] - places[:, :3, :3].mean(axis=0)
         square = np.einsum("nji,njk->ik", different, different)
         values = np.linalg.eigvalsh(square)
-        if not values[0] > _FLAT * max(values[-1], 1e-300):
+        if not values[0] > _FLAT * max(values[-1], _FLAT):
             raise InputError(f"datum {self.name}: the attitudes of a tool_pivot need at least two axes of rotation")
         offsets = np.linalg.solve(square, different.swapaxes(1, 2))
 
@@ -479,6 +493,10 @@ class _Camera(Datum):
     grasp: Array = field(repr=False)
     std: tuple[float, float]
     weights: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_text("on, the link that carries camera or board,", self.on, "tool0")
 
     @property
     def frame(self) -> str:
@@ -663,6 +681,16 @@ class EyeToHand(_Camera):
         return Found(change)
 
 
+def check_together(datums: Sequence[Datum]) -> None:
+    """Raise if datums, in the order in which they are found, do not go together."""
+    names = [datum.name for datum in datums]
+    if len(set(names)) < len(names):
+        raise InputError(f"two datums have the same name, got {', '.join(map(repr, names))}; give each one of its own")
+    for datum in datums[:-1]:
+        if datum.frame is not None:
+            raise InputError(f"datum {datum.name}: a camera sees one workpiece; give it as the last datum")
+
+
 # poses of many robots ------------------------------------------------------------------------------------------------
 
 
@@ -724,14 +752,16 @@ def _numbered(count: int, std: Array) -> tuple[tuple[str, Array], ...]:
 def _check_spread(datum: Datum, arms: Array) -> None:
     """Raise if points, relative to their mean, lie on a line."""
     sizes = np.linalg.svd(arms, compute_uv=False)
-    if not sizes[1] > _FLAT * max(sizes[0], 1e-300):
+    if not sizes[1] > _FLAT * max(sizes[0], _FLAT):
         raise InputError(
             f"datum {datum.name}: the points of a {datum.kind} lie on a line; a frame needs three that do not"
         )
 
 
 def _listed(poses: object, least: int) -> tuple[Pose, ...]:
-    listed = tuple(check_items("the poses of a datum", poses, object))
+    if isinstance(poses, str) or not isinstance(poses, Iterable):
+        raise InputError(f"the poses of a datum must be a list of names or joint values, got {shown(poses)}")
+    listed = tuple(poses)
     if len(listed) < least:
         raise InputError(f"{len(listed)} poses for a datum; give at least {least}")
     return listed
@@ -757,7 +787,10 @@ def _camera(camera: object, board: object, grasp: object, noise: object, weights
     places = {}
     for name, value in (("camera", camera), ("board", board), ("grasp", grasp)):
         place = check_numbers(f"the pose of the {name}", value, (4, 4))
-        if np.abs(place[:3, :3] @ place[:3, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(place[:3, :3]) < 0:
+        is_rotation = (
+            np.abs(place[:3, :3] @ place[:3, :3].T - np.eye(3)).max() < 1e-6 and np.linalg.det(place[:3, :3]) > 0
+        )
+        if not is_rotation or not np.array_equal(place[3], [0, 0, 0, 1]):
             raise InputError(f"the pose of the {name} is not a rotation with a translation, (4, 4)")
         places[name] = place
     std = check_numbers(

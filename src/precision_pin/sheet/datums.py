@@ -13,12 +13,10 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.datums import Datum
+from precision_pin.robot.datums import NO_DATUM, Datum
 from precision_pin.robot.pose_grids import random_poses
 from precision_pin.sheet.settings import SettingError, placed
 
-NO_DATUM: Final = "none"
-"""Name for errors in base axes."""
 _POSE: Final = "Name of a pose."
 _POSES: Final = "Names of poses, or random: and their number."
 

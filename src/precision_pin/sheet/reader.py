@@ -24,7 +24,7 @@ from precision_pin.draws.laws import Fixed
 from precision_pin.draws.space import Estimates, Extension, LabelledSpace, Space
 from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.configurations import Approach
-from precision_pin.robot.datums import Datum
+from precision_pin.robot.datums import Datum, check_together
 from precision_pin.robot.urdf import Robot
 from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
@@ -235,6 +235,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     datum: tuple[str, ...] = ()
     with findings.taking("datum"):
         datum = chosen_datums(document.datum, document.datums)
+        check_together([datums[name] for name in datum if name in datums])
     origins = {
         f"{label}.{setting}" if setting else label: origin
         for k, label in zip(sources, names, strict=True)

@@ -1,0 +1,111 @@
+"""Datums of a sheet: the same as built in Python, and one clear line for what is wrong."""
+
+import numpy as np
+import pytest
+
+from precision_pin import ErrorModel, InputError
+from precision_pin.base import se3
+from precision_pin.robot.datums import Datum
+
+SHEET = """\
+precision-pin: 1
+robot: 4dof.urdf
+tip: tool
+gravity: none
+poses: {a: -85 5 80 -85 deg, b: -60 0 80 -80 deg, c: -120 10 70 -90 deg, d: -90 -30 90 -60 deg, a2: -85 5 80 -85 deg}
+sources:
+  - joint_offset: {joint: joint2, offset: {normal: {std: 0.1 mrad}}}
+  - joint_offset: {joint: joint3, offset: {normal: {std: 0.1 mrad}, scope: visit}}
+"""
+CAMERA = (
+    "camera: {xyz: 10 0 40 mm, rpy: 3 -2 90 deg}, board: {xyz: 100 20 0 mm}, on: link4, poses: [a, b, c, d], "
+    "grasp: {rpy: 170 5 30 deg}"
+)
+NOISE = "noise: {translation: 0.05 mm, rotation: 0.25 mrad}"
+PLACES = {
+    "camera": se3.pose(se3.rpy_rotation(np.radians([3, -2, 90])), np.array([0.01, 0, 0.04])),
+    "board": se3.pose(np.eye(3), np.array([0.1, 0.02, 0])),
+    "grasp": se3.pose(se3.rpy_rotation(np.radians([170, 5, 30])), np.zeros(3)),
+    "on": "link4",
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{best_fit: {poses: [a, b, c], std: 0.02 mm}}", Datum.best_fit(["a", "b", "c"], 2e-5)),
+        ("{taught: {pose: b, touch: {std: 0.05 mm, attitude: 0.2 mrad}}}", Datum.taught("b", 5e-5)),
+        ("{three_points: {origin: a, x: b, xy: c, touch: 0.05 mm}}", Datum.three_points("a", "b", "c", 5e-5)),
+        (f"{{eye_to_hand: {{{CAMERA}, {NOISE}}}}}", Datum.eye_to_hand(list("abcd"), noise=(5e-5, 2.5e-4), **PLACES)),
+        (
+            f"{{hand_eye: {{{CAMERA}, {NOISE}, view: {{d: a, c: b}}, weights: {{translation: 1 mm, rotation: 1 mrad}}}}}}",
+            Datum.hand_eye(list("abcd"), "a", noise=(5e-5, 2.5e-4), weights=(1e-3, 1e-3), **PLACES),
+        ),
+    ],
+)
+def test_a_sheet_and_python_agree(write, text: str, expected: Datum) -> None:
+    model = ErrorModel.load(write(f"{SHEET}datums: {{f: {text}}}\ndatum: f\n"))
+    other = model.against(expected)
+    assert [datum.name for datum in model.datums] == ["f"]
+    np.testing.assert_allclose(model.at("d").covariance, other.at("d").covariance, rtol=1e-12, atol=1e-25)
+    # base axes
+    assert model.sheet.against("none").datum == ()
+    assert not model.against().datums
+    # a change of the sheet, also of the datum
+    wider = model.with_({"joint_offset[joint2].offset": {"normal": {"std": "0.2 mrad"}}})
+    assert wider.datums
+    assert not np.allclose(wider.at("d").covariance, model.at("d").covariance, rtol=1e-3)
+
+
+WRONG = {
+    "f: {taught: {pose: z}}": "no pose named 'z'",
+    "f: {tought: {pose: a}}": "unknown key 'tought': did you mean 'taught'",
+    "f: {taught: {pose: a, toch: 1 mm}}": "unknown key 'toch': did you mean 'touch'",
+    "f: {}": "a datum is one of best_fit, taught, three_points, tool_pivot, hand_eye, eye_to_hand",
+    "f: {taught: {pose: a}, best_fit: {random: 4}}": "a datum is one of",
+    "none: {taught: {pose: a}}": "'none' is not a name of a datum",
+    "'a,b': {taught: {pose: a}}": "'a,b' is not a name of a datum; give a word without commas",
+    "f: {taught: {pose: a, touch: -1 mm}}": "touch must be zero or more, got -1 mm",
+    "f: {taught: {pose: a, touch: {std: 1 mm, attitude: -1 mrad}}}": "attitude must be zero or more, got -1 mrad",
+    "f: {taught: {pose: a, touch: 1 mrad}}": "'mrad' in '1 mrad' is not a unit of length",
+    "f: {three_points: {origin: a, x: b, xy: a2}}": "datum f: the points of a three_points lie on a line",
+    "f: {best_fit: {poses: [a, a, a2]}}": "datum f: the points of a best_fit lie on a line",
+    "f: {best_fit: {poses: [a, b]}}": "2 poses for a datum; give at least 3",
+    "f: {best_fit: {poses: [a, b, c], random: 4}}": "a best_fit needs poses: .*, or random: 30",
+    "f: {best_fit: {random: 2.5}}": "a whole number of poses from 3 on, got 2.5",
+    "f: {tool_pivot: {poses: [a, b, c]}}": "datum f: the tip must be at one point in all poses of a tool_pivot",
+    "f: {tool_pivot: {poses: [a, a2, a]}}": "datum f: the attitudes of a tool_pivot need at least two axes",
+    f"f: {{eye_to_hand: {{{CAMERA}}}}}": "give the weights of the solver",
+    f"f: {{eye_to_hand: {{{CAMERA}, {NOISE}, weights: {{translation: 1 mm}}}}}}": "give the weights of the solver",
+    f"f: {{hand_eye: {{{CAMERA}, {NOISE}}}}}": "the key 'view' is missing",
+    f"f: {{hand_eye: {{{CAMERA}, {NOISE}, view: z}}}}": "no pose named 'z'",
+    f"f: {{eye_to_hand: {{{CAMERA.replace('link4', 'lnk4')}, {NOISE}}}}}": "no link named 'lnk4'; did you mean 'link4'",
+    f"f: {{eye_to_hand: {{{CAMERA.replace('b, c, d', 'a, a2')}, {NOISE}}}}}": "do not determine the camera",
+}
+
+
+def test_wrong_datums_are_one_line_each(write) -> None:
+    for text, message in WRONG.items():
+        path = write(f"{SHEET}datums: {{{text}}}\n")
+        with pytest.raises(InputError, match=message) as caught:
+            ErrorModel.load(path)
+        (finding,) = caught.value.findings
+        assert finding.line == 9, text
+
+
+def test_wrong_choices_of_datums(write) -> None:
+    known = f"{SHEET}datums: {{f: {{taught: {{pose: a}}}}, c: {{eye_to_hand: {{{CAMERA}, {NOISE}}}}}}}\n"
+    for text, message in (
+        ("[x]", "no datum named 'x'; valid: c, f, none"),
+        ("[f, f]", "two datums have the same name, got 'f', 'f'"),
+        ("[c, f]", "datum c: a camera sees one workpiece; give it as the last datum"),
+    ):
+        with pytest.raises(InputError, match=message) as caught:
+            ErrorModel.load(write(f"{known}datum: {text}\n"))
+        assert [finding.line for finding in caught.value.findings] == [10]
+    model = ErrorModel.load(write(f"{known}datum: [f, c]\n"))
+    assert [datum.name for datum in model.datums] == ["f", "c"]
+    with pytest.raises(InputError, match="no datum named 'g'"):
+        model.against("g")
+    with pytest.raises(InputError, match="no datum named 'g'"):
+        model.sheet.against("f,g")
