@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import precision_pin as pp
 from model.robot_by_robot import Robots
 from precision_pin import Chain, Draw, ErrorModel, Normal, Scope, Space, Uniform
 from precision_pin.draws.expressions import Component
 from precision_pin.robot.datums import Datum
-from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.examples import PAPER_SHEET, example_urdfs
 from precision_pin.sources import Frame, JointCompliance, JointOffset, Payload
 from support.plain_robot import PlainRobot, chain_of, gantry, joint, link, planar_arm, random_arm, robot
 
@@ -358,3 +359,15 @@ def test_taught_elbow_by_hand() -> None:
     lower = [0.5 * np.array([np.cos(sum(q)), np.sin(sum(q))]) for q in (there, here)]
     shift = np.array([-(lower[1] - lower[0])[1], (lower[1] - lower[0])[0]])
     np.testing.assert_allclose(model.at(here).jacobian[:2, 0], shift, rtol=1e-9)
+
+
+def test_what_is_read_and_built_does_not_depend_on_a_datum():
+    """Instruments read in base axes or in their own, and a robot is built as it is: a datum changes neither."""
+    model = pp.ErrorModel.load(PAPER_SHEET)
+    taught = model.against(pp.Datum.taught("paper"))
+    poses = list(pp.random_poses(model.chain, 12, seed=3).q.T)
+    instrument = pp.Measurement(std=1e-5)
+    one, other = (pp.identifiability(item, poses, instrument) for item in (model, taught))
+    assert one.to_dict() == other.to_dict()
+    readings = [pp.simulate(item, poses, instrument, unit=2) for item in (model, taught)]
+    assert str(readings[0]) == str(readings[1])

@@ -99,6 +99,7 @@ class AsBuilt:
 
         Raises `InputError` if the robot's file cannot be read, or has changed since the model was loaded.
         """
+        model = model.bare
         at = model.at(q)
         chain = at.posture.chain
         data = _read(chain.robot.file)

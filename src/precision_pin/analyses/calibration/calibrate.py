@@ -280,6 +280,7 @@ def calibrate(
     measurements = measurements_of(model, measurement, has_data=True)
     findings = check_items("findings", findings, Finding)
     check_flag("prior", prior)
+    datums, model = model.datums, model.bare
     fitted, held_findings = _hold_other_sources(model, only)
     readings, bases, problem = measured_problem(fitted, data, measurements)
     tasks = design.task_poses(fitted, at, readings.q)
@@ -341,7 +342,7 @@ def calibrate(
             tasks, unit, estimator, any(part.displaces_base for part in readings.measurements), fitted.space
         ),
         original=model,
-        model=model.calibrated(Estimates(unit.names, mean, covariance)),
+        model=model.calibrated(Estimates(unit.names, mean, covariance)).against(*datums),
         data=readings,
         steps=fit.steps,
         findings=(

@@ -40,7 +40,7 @@ from precision_pin.base.errors import Finding, InputError, some
 from precision_pin.base.units import Quantity
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, in_base_axes
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
@@ -413,6 +413,7 @@ class Identifiability(Record):
         return self.rank == len(self.names) and self.nuisance_rank == len(self.nuisances)
 
 
+@in_base_axes
 def identifiability(model: ErrorModel, poses: object, measurement: Measurement | None = None) -> Identifiability:
     """Return the combinations of a model's unit-scope numbers that measurements at some poses determine.
 

@@ -33,7 +33,7 @@ from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Estimates, Space
-from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.error_model import ErrorModel, in_base_axes
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import Chain
@@ -464,6 +464,7 @@ class CalibrationForecast(PosesOutcome):
 
 
 @design.on_one_thread
+@in_base_axes
 def forecast_calibration(
     model: ErrorModel,
     poses: object,
@@ -590,6 +591,7 @@ class SimulatedCalibrations:
 
 
 @design.on_one_thread
+@in_base_axes
 def simulate_calibrations(
     model: ErrorModel, poses: object, measurement: Measurement, *, at: object = None, robots: int = 1000, seed: int = 0
 ) -> SimulatedCalibrations:

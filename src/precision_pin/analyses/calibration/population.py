@@ -30,7 +30,7 @@ from precision_pin.base.errors import Finding, InputError, UnitError, some, visi
 from precision_pin.base.files import write_files
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel, displaced_arm
+from precision_pin.model.error_model import ErrorModel, displaced_arm, in_base_axes
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
 from precision_pin.sheet.drawing_tolerances import TOLERANCE_PATTERN
@@ -109,6 +109,7 @@ class Population(Outcome):
 
 
 @design.on_one_thread
+@in_base_axes
 def population(
     model: ErrorModel,
     robots: Sequence[object],
@@ -673,7 +674,10 @@ def ur_calibration(file: str | os.PathLike[str], robot: ErrorModel | Chain) -> F
         height = float((pose @ target.frame)[2, 3])
         return height < _SAME[0] if target.link else height > _SAME[0]
 
-    model = robot.measured_as(arm, is_measured) if isinstance(robot, ErrorModel) else displaced_arm(chain, placements)
+    if isinstance(robot, ErrorModel):
+        model = robot.bare.measured_as(arm, is_measured).against(*robot.datums)
+    else:
+        model = displaced_arm(chain, placements)
     steps = [se3.inverse(old) @ new for old, new in zip(chain.placements, placements, strict=True)]
     displacements = np.array([[*step[:3, 3], *se3.log_rotation(step[:3, :3])] for step in steps])
     distances = _distances(kinematics, q, kind)[0]

@@ -232,7 +232,7 @@ class PoseData:
         }
         x = at.space.sample(page.seed, 0, min(MOST_GHOSTS, samples), pose=shown.pose)
         model = _model_of(shown, x)
-        self.ghosts = _displacements(at, x) if model and at.table.targets else ()
+        self.ghosts = _displacements(at, x) if model and at.table.targets and at.datum is None else ()
         (self.deflected,) = _displacements(at, at.space.mean[:, None])
         attitude = errors[3:, :points].T if limits_attitude(page.specifications) else ()
         marks = [quantile(np.linalg.norm(errors[:3], axis=0), level) for level in LEVELS]
