@@ -19,6 +19,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import Space
+from precision_pin.model.datum import Procedures
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
@@ -124,8 +125,23 @@ def reaches(at: PoseModel, k: float) -> Array:
 
 
 def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
-    """Return the part of each joint and chain link in the variances, ``(6,)`` from base to tip, as :func:`by_key`."""
-    return by_key(at, lambda target: place_name(target, chain))
+    """Return the part of each joint and chain link in the variances, ``(6,)`` from base to tip, as :func:`by_key`.
+
+    The noise of each datum's procedure comes last.
+    """
+    return by_key(at, lambda target: place_name(target, chain)) | noise_of_datums(at)
+
+
+def noise_of_datums(at: PoseModel) -> dict[str, Array]:
+    """Return the part of the noise of each datum's procedure in the variances, ``(6,)`` by name."""
+    if at.datum is None or not isinstance(at.datum.procedures, Procedures):
+        return {}
+    parts = {}
+    for datum in at.datum.procedures.datums:
+        is_own = np.array([name.startswith(f"{datum.label}.") for name in at.space.components])
+        noise = np.where(is_own, at.datum.noise, 0.0)
+        parts[f"noise of datum {datum.name}"] = np.diag(at.space.block_covariance.between(noise, noise))
+    return parts
 
 
 def by_key(at: PoseModel, key_of: Callable[[Target], Key]) -> dict[Key, Array]:

@@ -6,12 +6,12 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
 from precision_pin.base import se3
-from precision_pin.base.arrays import Array, Keys, Record
+from precision_pin.base.arrays import Array, Keys, Record, field_names
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
@@ -35,6 +35,8 @@ _STEPS: Final = 12
 """Newton steps of a search for joint values at most."""
 _REACHED: Final = 1e-11
 """Distance, m, or angle, rad, that counts as none."""
+_NO_SPREAD: Final = 1e-12
+"""Standard deviation, m or rad, that counts as none."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,89 @@ def _noise_name(datum: Datum, number: int, axis: int) -> str:
     return f"{datum.label}.{datum.noise[number][0]} {_AXES[axis]}"
 
 
+_VECTORS: Final = (("position", "d", "mm"), ("attitude", "δ", "mrad"))
+
+
+@dataclass(frozen=True, eq=False)
+class DatumEffect(Record):
+    """First-order parts of the variances of position (m²) and attitude (rad²) against datums, each ``(2,)``.
+
+    Attributes:
+        robot: Variance in base axes, by the robot's errors at the task.
+        procedure: Variance of the datum, by its errors at the visits.
+        common: Twice the covariance of both, negative if they cancel.
+        visits: Variance of the datum, by draws made anew at each visit.
+        noise: Variance of the datum, by the noise of the procedures.
+    """
+
+    KEYS: ClassVar[Keys] = ("*_by_vector",)
+
+    robot: Array
+    procedure: Array
+    common: Array
+    visits: Array
+    noise: Array
+
+    @classmethod
+    def of(cls, at: PoseModel) -> DatumEffect:
+        """Return the effect of the datums of a model at a pose."""
+        assert at.datum is not None
+        assert isinstance(at.datum.procedures, Procedures)
+        known, noise = set(at.datum.procedures.arm.space.components), at.datum.noise
+        is_robot = np.array([name in known for name in at.space.components])
+        found = sum((gain @ visit.jacobian for gain, visit in at.datum.counted), np.zeros_like(noise))
+        task, procedure, visits = at.arm.jacobian, np.where(is_robot, found, 0.0), np.where(is_robot, 0.0, found)
+
+        def variance(left: Array, right: Array) -> Array:
+            return np.diag(at.space.block_covariance.between(left, right)).reshape(2, 3).sum(axis=1)
+
+        pairs = ((task, task), (procedure, procedure), (2 * task, procedure), (visits, visits), (noise, noise))
+        return cls(*(variance(*pair) for pair in pairs))
+
+    @property
+    def total(self) -> Array:
+        """Variance against the datums, ``(2,)``."""
+        return self.robot + self.procedure + self.common + self.on_top
+
+    @property
+    def on_top(self) -> Array:
+        """Variance that cannot cancel, by draws of the procedures, ``(2,)``."""
+        return self.visits + self.noise
+
+    @property
+    def cancelled(self) -> Array:
+        """Share of the variance in base axes that cancels, ``(2,)``; negative if it grows, NaN if there is none."""
+        is_varying = self.robot > _NO_SPREAD**2
+        return np.where(is_varying, -(self.procedure + self.common) / np.where(is_varying, self.robot, 1.0), np.nan)
+
+    @property
+    def _by_vector(self) -> dict[str, Any]:
+        roots = {"without": self.robot, "with_datum": self.total, "on_top": self.on_top}
+        values = {"cancelled": self.cancelled} | {key: np.sqrt(np.maximum(part, 0)) for key, part in roots.items()}
+        return {
+            name: {key: float(value[k]) for key, value in values.items()}
+            | {"variances": {key: float(getattr(self, key)[k]) for key in field_names(DatumEffect)}}
+            for k, (name, _, _) in enumerate(_VECTORS)
+        }
+
+    @property
+    def text(self) -> str:
+        """What cancelled and what came on top, of the position; and which vector the datums make worse."""
+        share, (robot, total, on_top) = self.cancelled[0], (1e3 * np.sqrt([self.robot, self.total, self.on_top]))
+        if np.isnan(share):
+            part = "d does not vary in base axes"
+        elif share < 0:
+            part = f"nothing cancelled, the robot's errors in the procedure added {-100 * share:.3g} % to the variance of d"
+        else:
+            part = f"{'all' if share > 1 - 1e-9 else f'{min(100 * share, 99.9):.3g} %'} of the variance of d cancelled"
+        worse = [
+            f"; the datum makes {symbol} worse: {total[k]:.3g} {unit} rms instead of {robot[k]:.3g}"
+            for k, (_, symbol, unit) in enumerate(_VECTORS)
+            if total[k] > max(robot[k], 1e3 * _NO_SPREAD)
+        ]
+        return f"{part}, {on_top[0]:.3g} mm rms came on top{''.join(worse)}"
+
+
 @dataclass(frozen=True, eq=False)
 class DatumRecord(Record):
     """What the errors of a result are counted against.
@@ -114,14 +199,19 @@ class DatumRecord(Record):
         name, kind: Names of the datums and of their procedures, in order.
         poses: Each visit, by name or joint values.
         linearity: Relative differences from robots solved one by one, :attr:`PoseModel.linearity`.
+        effect: Parts of the variance at the same pose.
+        base_axes: 95 % quantiles of |d| and |δ|, m and rad, of robots of the same sample in base axes, with intervals; None
+            if not sampled.
     """
 
-    KEYS: ClassVar[Keys] = ("name", "kind", "poses", "linearity")
+    KEYS: ClassVar[Keys] = ("name", "kind", "poses", "linearity", "effect", "base_axes")
 
     name: str
     kind: str
     poses: tuple[str | tuple[float, ...], ...]
     linearity: Mapping[str, float] | None
+    effect: DatumEffect | None = None
+    base_axes: Mapping[str, Any] | None = None
 
     @classmethod
     def of(cls, datums: Sequence[Datum], at: PoseModel | None) -> DatumRecord | None:
@@ -131,12 +221,19 @@ class DatumRecord(Record):
         visits = (visit for datum in datums for visit in datum.visits)
         poses = tuple(visit if isinstance(visit, str) else tuple(np.ravel(visit).tolist()) for visit in visits)
         names, kinds = (", ".join(getattr(datum, key) for datum in datums) for key in ("name", "kind"))
-        return cls(names, kinds, poses, None if at is None else at.linearity)
+        record = cls(names, kinds, poses, None)
+        return record if at is None else replace(record, linearity=at.linearity, effect=DatumEffect.of(at))
 
     @property
     def text(self) -> str:
         """Name and kind, for the first line of a table."""
         return f", against datum {self.name}" + ("" if self.kind == self.name else f" ({self.kind})")
+
+    @property
+    def procedure_text(self) -> str:
+        """Names, kinds and number of poses, for a sentence about the effect."""
+        kind = "" if self.kind == self.name else f"{self.kind}, "
+        return f"against datum {self.name} ({kind}{len(self.poses)} pose{'s'[: len(self.poses) - 1]})"
 
 
 def datum_text(record: DatumRecord | None) -> str:
@@ -188,11 +285,15 @@ class Procedures:
         """Raise if visits are unknown or do not determine a datum."""
         assert len(self._maps) == len(self.datums)
 
+    @property
+    def by_datum(self) -> Iterator[tuple[Datum, tuple[_Visit, ...]]]:
+        """Each datum with its visits."""
+        starts = itertools.pairwise(self._first)
+        return ((datum, self.visits[a:b]) for datum, (a, b) in zip(self.datums, starts, strict=True))
+
     @cached_property
     def _maps(self) -> tuple[Maps, ...]:
-        places = [visit.place for visit in self.visits]
-        starts = itertools.pairwise(self._first)
-        return tuple(datum.maps(np.array(places[a:b])) for datum, (a, b) in zip(self.datums, starts, strict=True))
+        return tuple(datum.maps(np.array([visit.place for visit in visits])) for datum, visits in self.by_datum)
 
     def _added(self, count: int, place: Array, q: Array, *, is_tip: bool = True) -> tuple[Array, Array]:
         """Return the gains ``(V, 6, 6)`` of all visits and ``(M, 6, 6)`` of all noise after the first datums."""

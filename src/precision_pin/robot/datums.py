@@ -170,6 +170,10 @@ class Datum(ABC):
         """Return the number of the view of a task with joint values ``(joints,)``."""
         return 0
 
+    def frames(self, places: Array) -> dict[str, Array]:
+        """Return the nominal frames of the datum, ``(4, 4)`` in the base by name, for visits at places ``(V, 4, 4)``."""
+        return {}
+
     # constructors --------------------------------------------------------------------------------------------------
 
     @staticmethod
@@ -422,6 +426,10 @@ class ThreePoints(Datum):
 
         return at
 
+    def frames(self, places: Array) -> dict[str, Array]:
+        """Return the frame of the three points."""
+        return {"frame": _frame(places[:, :3, 3, None])[:, :, 0]}
+
     def find(self, robots: Robots, places: Array, noise: Array, task: Array, view: int) -> Found:
         """Return the frame of the points as read when touched."""
         touches = [robots.touch(k, places[k, :3, 3, None] + noise[k, :3]) for k in range(3)]
@@ -587,6 +595,12 @@ class HandEye(_Camera):
 
         return at
 
+    def frames(self, places: Array) -> dict[str, Array]:
+        """Return the board, and the camera at each view of the workpiece."""
+        views = [place @ self.camera for place in places[len(self.poses) :]]
+        names = (f"camera at view {k + 1}" if views[1:] else "camera at the view" for k in range(len(views)))
+        return {"board": self.board, **dict(zip(names, views, strict=True))}
+
     def find(self, robots: Robots, places: Array, noise: Array, task: Array, view: int) -> Found:
         """Return the workpiece as it is seen with the calibrated camera."""
         count = len(self.poses)
@@ -654,6 +668,10 @@ class EyeToHand(_Camera):
             return by_camera @ by_errors, np.array([*(by_camera @ by_noise), to_tip @ _turned(self.camera)])
 
         return at
+
+    def frames(self, places: Array) -> dict[str, Array]:
+        """Return the camera, and the board at its first pose."""
+        return {"camera": self.camera, "board at the first pose": places[0] @ self.board}
 
     def find(self, robots: Robots, places: Array, noise: Array, task: Array, view: int) -> Found:
         """Return the workpiece as it is seen with the calibrated camera."""

@@ -20,6 +20,7 @@ from precision_pin.draws.draw import Scope
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.kernel.sampler import BLOCK, Blocks
+from precision_pin.model.datum import DatumRecord
 from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel, origin_shares
 from precision_pin.robot.configurations import ApproachedPose, written_approach
@@ -46,6 +47,7 @@ from precision_pin.statistics import (
     Summary,
     finish,
     observe,
+    quantile_ranks,
     start,
 )
 from precision_pin.statistics.accumulate import quantity_values
@@ -160,6 +162,7 @@ def monte_carlo(
         lambda: grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, int(seed))),
         "at this pose: all robots have the same error",
         after=[_missed_target(text, p, summary.samples) for text, p in precisions if not p.reached],
+        datum=_datum_at(error_model, at, work),
         nominal=at.tangent[0],
         origins=origin_shares(error_model.origins, at),
         until=tuple(Until(*p) for p in precisions),
@@ -227,9 +230,22 @@ def _result(
         errors=errors,
         space=None if errors is None else at.space,
         findings=known,
-        datum=error_model.datum_record(at),
-        **more,
+        **{"datum": error_model.datum_record(at), **more},
     )
+
+
+def _datum_at(error_model: ErrorModel, at: PoseModel, work: Work) -> DatumRecord | None:
+    """Return what the errors are counted against, with the quantiles of the first robots in base axes."""
+    record = error_model.datum_record(at)
+    if record is None:
+        return None
+    count = min(work.samples, BLOCK)
+    errors = sampler.errors(sampler.to_arrays(at.arm), work.model, work.seed, 0, count)
+    ranks, quantiles = quantile_ranks(count, 0.95, 0.95), {}
+    for name, values in zip(("position", "attitude"), np.linalg.norm(errors.reshape(2, 3, -1), axis=1), strict=True):
+        ends = None if ranks is None else np.sort(values)[np.subtract(ranks, 1)].tolist()
+        quantiles[name] = {"quantile_95": ends and float(np.quantile(values, 0.95)), "interval": ends}
+    return replace(record, base_axes={"samples": count, **quantiles})
 
 
 def _enough(

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.base.errors import shown, visible
-from precision_pin.model.datum import datum_text
+from precision_pin.model.datum import DatumEffect, datum_text
 from precision_pin.model.pose_model import origin_shares
 from precision_pin.render.tables import ROUNDING, absolute, joint_text, pose_labels, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned
@@ -50,6 +50,7 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
         f"{analysis.samples:,} samples, seed {analysis.seed}, {analysis.model} model, statics {analysis.statics}, "
         f"base axes, {analysis.summary.confidence:.0%} confidence",
         f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
+        *datum_lines(analysis),
         *map(_verdict, analysis.summary.specifications),
         "",
         *aligned(cells),
@@ -57,6 +58,18 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
         f"{advice}{unresolved}",
         *resting_on(analysis.assumed, analysis.sources, analysis.origins, is_brief=True),
     ]
+
+
+def datum_lines(analysis: MonteCarloResult) -> list[str]:
+    """Return a line with the 95 % quantiles of |d| against the datum and in base axes, and the effect of the datum."""
+    record = analysis.datum
+    if record is None or record.effect is None or record.base_axes is None:
+        return []
+    value, interval = (record.base_axes["position"][key] for key in ("quantile_95", "interval"))
+    size = "-" if interval is None else format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
+    sizes = f"{statistic(analysis.position.norm, 0.95)} mm; in base axes {size} mm"
+    robots = f"{record.base_axes['samples']:,} of these robots"
+    return [f"{record.procedure_text}: 95 % of robots within |d| {sizes} ({robots}); {record.effect.text}"]
 
 
 def _answer(analysis: MonteCarloResult) -> list[str]:
@@ -78,6 +91,7 @@ def _whole(analysis: MonteCarloResult) -> list[str]:
         f"{analysis.summary.confidence:.0%} confidence",
         "",
         f"95 % of robots within {_within(analysis, 0.95)}; 99.73 % within {_within(analysis, 0.9973)}",
+        *datum_lines(analysis),
         *map(_verdict, analysis.summary.specifications),
         "",
         *aligned(_statistics(analysis, _COLUMNS)),
@@ -239,6 +253,7 @@ def poses_table(result: PosesResult, *, is_whole: bool = False) -> str:
         f"{result.samples:,} samples at each, seed {result.seed}, {result.model} model, statics {result.statics}, "
         f"{result.confidence:.0%} confidence",
         _worst(result),
+        *_worst_datum(result),
         *(_poses_verdict(result, specification) for specification in specifications),
         "",
         *aligned(_pose_rows(result, poses, is_whole)),
@@ -255,6 +270,18 @@ def _worst(result: PosesResult) -> str:
     phrase = ", ".join(f"{100 * level:.4g} % of robots within |d| {_pose_quantile(result, rank, result.worst_pose)[0]} mm"
                        for rank, level in enumerate(LEVELS[1:], start=1))  # fmt: skip
     return f"worst {_pose_name(result, result.worst_pose)}: {phrase}"
+
+
+def _worst_datum(result: PosesResult) -> list[str]:
+    """Return a line with the effect of the datum at the worst pose."""
+    if result.datum is None:
+        return []
+    worst = [result.worst_pose]
+    approaches = None if result.approaches is None else result.approaches[:, worst]
+    effect = DatumEffect.of(next(result.error_model.at_columns(result.q[:, worst], approaches)))
+    robot, total = 1e3 * np.sqrt([effect.robot[0], effect.total[0]])
+    sizes = f"std of d {total:.3g} mm, in base axes {robot:.3g} mm, first order"
+    return [f"{result.datum.procedure_text}, {_pose_name(result, result.worst_pose)}: {sizes}; {effect.text}"]
 
 
 def _pose_name(result: PosesResult, pose: int) -> str:

@@ -14,6 +14,7 @@ from precision_pin.base.units import Quantity
 from precision_pin.base.versions import versions
 from precision_pin.model.datum import datum_text
 from precision_pin.pages import view
+from precision_pin.pages.report.datum import datum_effect
 from precision_pin.pages.report.distributions import describe_verdict, distributions, specifications
 from precision_pin.pages.report.summary import name_pose, picture, summary
 from precision_pin.render.columns import report_table
@@ -262,7 +263,9 @@ def page(
         judged, name = other.analysis.summary.specifications, f"{other.prefix}pose"
         titles[name] = f"Pose {name_pose(other)}"
         heading = f"{titles[name]}: {describe_verdict(judged)}" if judged else titles[name]
-        details.append(section(name, heading, picture(other), specifications(other), *_details(other)))
+        details.append(
+            section(name, heading, picture(other), datum_effect(other), specifications(other), *_details(other))
+        )
     details += [chapter.section for chapter in chapters]
     titles |= {chapter.name: chapter.title for chapter in chapters}
     titles |= {"view": "3-D view", "mcpc": "MCPC", "parameters": "Parameters", "reproduce": "Reproduce"}

@@ -11,6 +11,7 @@ import numpy as np
 
 from precision_pin.analyses.collect import CauseShare, Results, milli_interval, percent, statistic
 from precision_pin.base.arrays import Array
+from precision_pin.pages.report.datum import datum_effect
 from precision_pin.pages.report.distributions import describe_verdict, specifications, verdict
 from precision_pin.pages.view.drawing import Cloud, draw_picture
 from precision_pin.pages.view.headline import quantile, values_of
@@ -108,7 +109,7 @@ def summary(
     ]
     words = element("div", *above, verdict(worst, missed), _causes(worst), class_="words")
     judged = worst.analysis.summary.specifications
-    parts: list[Child] = [element("div", words, picture(worst), class_="first")]
+    parts: list[Child] = [element("div", words, picture(worst), class_="first"), datum_effect(worst)]
     if len(poses) > 1:
         parts.append(_by_pose(poses))
     if answers:

@@ -22,7 +22,7 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from precision_pin.analyses.shares import by_key, moved_link
+from precision_pin.analyses.shares import by_key, moved_link, noise_of_datums
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
@@ -62,6 +62,8 @@ def tangent_of(at: PoseModel, model: str) -> tuple[Array, Array]:
     jacobian = np.zeros((6, at.space.size))
     for sensitivity, local in zip(at.table.sensitivities, at.table.displacement_slopes(mean), strict=True):
         jacobian[:, local.columns] += sensitivity @ local.slopes
+    if at.datum is not None:
+        jacobian += at.datum.noise + sum(gain @ tangent_of(visit, model)[1] for gain, visit in at.datum.counted)
     return at.linear(mean[:, None])[:, 0], jacobian
 
 
@@ -117,7 +119,7 @@ def link_shares(at: PoseModel) -> list[float]:
     shares = np.zeros(len(at.posture.link_poses))
     for link, part in by_key(at, moved_link).items():
         shares[link] = part[:3].sum()
-    total = shares.sum()
+    total = shares.sum() + sum(part[:3].sum() for part in noise_of_datums(at).values())
     return (shares / total if total > 0 else shares).tolist()
 
 
