@@ -63,7 +63,8 @@ class Provenance:
         if first and any(error_model.origins.values()):
             shares = origin_shares(error_model.origins, next(error_model.at_columns(error_model.poses[first][:, None])))
         seed_number = seed if seed is None else int(seed)
-        return cls(*arm, seed_number, error_model.assumed, len(error_model.sources), shares, first if shares else "")
+        assumed, datum = error_model.assumed, error_model.datum_record()
+        return cls(*arm, seed_number, assumed, len(error_model.sources), shares, first if shares else "", datum)
 
     @property
     def arm(self) -> str:
