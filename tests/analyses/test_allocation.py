@@ -271,7 +271,11 @@ def _spelled():
         yield {"frame": {"frame": "tool", "x": spelled}}
     for law in laws_of_sheets().values():
         one = dict(law.form.example)
-        beside = one | {option.key: option.example for option in law.form.options} | {"scope": "unit"}
+        beside = (
+            one
+            | {option.key: option.example for option in law.form.options if option.key not in ("cpk", "size")}
+            | {"scope": "unit"}
+        )
         several = not isinstance(next(iter(one.values())), str) and law.form.key in ("joint_normal", "rows")
         if law.form.key in ("disc", "circle") or several:
             yield {"frame": {"frame": "tool", "x": "p.x" if not several else "p.0"}, "p": beside}

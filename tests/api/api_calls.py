@@ -138,7 +138,7 @@ FINE = {
     "seed": "zero", "confidence": POSITIVE, "specifications": EMPTY, "findings": EMPTY, "until": EMPTY, "threads": OPTIONAL,
     "progress": "nothing, true, function", "keep_samples": "true", "reference": OPTIONAL, "relative_to": OPTIONAL,
     "approach": "nothing, empty list, empty mapping", "locked": "nothing, empty mapping", "k": POSITIVE,
-    "coupled": "empty mapping",
+    "coupled": "empty mapping", "datum": f"{OPTIONAL}, {EMPTY}",
     "correlations": EMPTY, "kinds": EMPTY, "mean": NUMBER, "half_width": NOT_NEGATIVE, "radius": NOT_NEGATIVE,
 }  # fmt: skip
 """The mistakes that are none, wherever an argument has this name."""
@@ -270,13 +270,14 @@ def _sampling_calls():
 
 def _datum_calls():
     small, poses = small_model(), [[0.1, 0.2, 0.3, 0.4], [0.5, -0.2, 0.4, 0.1], [-0.5, 0.3, 0.8, -0.4]]
-    numbers = {"std": "zero, digits", "touch": "zero, digits"}
-    yield call(lambda poses, std: small.against(pp.Datum.best_fit(poses, std)), {}, "best_fit", poses=poses, std=1e-5,
-               fine=numbers)  # fmt: skip
-    yield call(lambda pose, touch: small.against(pp.Datum.taught(pose, touch)), {}, "taught", pose=POSE, touch=1e-5,
-               fine=numbers)  # fmt: skip
-    yield call(lambda x, touch: small.against(pp.Datum.three_points(poses[0], x, poses[2], touch)), {}, "three_points",
-               x=poses[1], touch=1e-5, fine=numbers)  # fmt: skip
+    touches = {"touch": f"{NOT_NEGATIVE}, empty mapping"}
+    words = {"std": "noise", "touch": "noise|touch", "x": JOINT_OR_POSE}
+    yield call(lambda poses, std: small.against(pp.Datum.best_fit(poses, std)), words, "Datum.best_fit", poses=poses, std=1e-5,
+               fine={"std": NOT_NEGATIVE})  # fmt: skip
+    yield call(lambda pose, touch: small.against(pp.Datum.taught(pose, touch)), words, "Datum.taught", pose=POSE, touch=1e-5,
+               fine=touches | {"pose": OPTIONAL})  # fmt: skip
+    yield call(lambda x, touch: small.against(pp.Datum.three_points(poses[0], x, poses[2], touch)), words, "Datum.three_points",
+               x=poses[1], touch=1e-5, fine=touches | {"x": OPTIONAL})  # fmt: skip
 
 
 def _page_calls():

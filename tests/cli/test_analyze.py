@@ -141,7 +141,7 @@ def test_a_ctrl_c_even_one_that_a_library_has_swallowed_ends_with_one_line(run, 
 # JSON ----------------------------------------------------------------------------------------------------------------
 
 TOP = [
-    "schema", "complete", "robot", "base", "tip", "axes", "pose", "samples", "seed", "model", "statics", "scopes",
+    "schema", "complete", "robot", "base", "tip", "axes", "datum", "pose", "samples", "seed", "model", "statics", "scopes",
     "confidence", "versions", "warnings", "position", "attitude", "nominal", "covariance", "covariance_interval", "spec",
     "largest", "assumed", "findings",
 ]  # fmt: skip

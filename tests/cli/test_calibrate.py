@@ -435,7 +435,7 @@ def test_tolerances_of_a_population_are_written_as_a_sheet(run, refused, folder)
     assert "measured" in new.origins.values()
     ratios = np.sqrt(new.space.block_covariance.variances / model.space.block_covariance.variances)
     scales = {one["draws"][0]: one["scale"] for one in tolerances}
-    assert ratios == pytest.approx([scales[name] for name in new.space.components], rel=1e-5)
+    assert ratios == pytest.approx([scales[name] for name in new.space.components], rel=5e-4)  # four digits
 
 
 # simulate ------------------------------------------------------------------------------------------------------------

@@ -193,7 +193,7 @@ def test_the_lines_of_a_model(model):
     assert [row[0] for row in sources[1:]] == list(model.labels)
     assert sources[1][1] == "at='tool', mass=1.0, com=(0.0, 0.0, 0.0)"
     assert [row[0] for row in draws[1:]] == [draw.name for draw in model.space.draws]
-    assert draws[1] == ["a0", "Uniform(half_width=5e-05, mean=0.0)", "unit"]
+    assert draws[1] == ["a0", "Uniform(half_width=5e-05, mean=0.0)", "unit", "length[joint2]"]
     assert poses[1] == ["paper", "joint1 -90°, joint2 3°, joint3 88°, joint4 -91°"]
 
 

@@ -232,7 +232,12 @@ def test_the_section_has_the_numbers_of_the_json(calibrated, monkeypatch):
         cells = [one[which][f"{what}_position"] for which in ("before", "after") for what in ("rms", "quantile")]
         assert re.search(r"\s+".join([one["name"], *(re.escape(f"{1e3 * cell:.3g}") for cell in cells)]), text)
     for name, (low, high) in found["intervals"]["numbers"].items():
-        assert re.search(rf"{re.escape(name)}\s[^[]*?{re.escape(f'{low:.3g}')}\s+{re.escape(f'{high:.3g}')}\s", text)
+        units = {"mm": 1e3, "mrad": 1e3, "µm": 1e6, "µrad": 1e6, "deg": 180 / np.pi}
+        rows = (
+            rf"{re.escape(name)}\s+{unit}\s[^[]*?{re.escape(f'{scale * low:.3g}')}\s+{re.escape(f'{scale * high:.3g}')}\s"
+            for unit, scale in units.items()
+        )
+        assert any(re.search(row, text) for row in rows), name
     worst = max(zip(found["lines"], found["residuals"], strict=True), key=lambda pair: np.linalg.norm(pair[1]))
     assert re.search(rf"row {worst[0]}\s+{1e3 * np.linalg.norm(worst[1]):.3g}\s", text)
     assert "base of the robot in the instrument's axes, estimated" in text

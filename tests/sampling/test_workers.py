@@ -221,8 +221,8 @@ def test_many_poses_that_were_stopped_go_on_with_the_same_bits(tmp_path: Path, m
             raise KeyboardInterrupt
         return done(state, part)
 
-    def sample(q=poses, **saving):
-        return pp.sample_poses(MODEL, q, samples=400, seed=4, specifications=["40 mm"], **saving)
+    def sample(poses=poses, **saving):
+        return pp.sample_poses(MODEL, poses, samples=400, seed=4, specifications=["40 mm"], **saving)
 
     monkeypatch.setattr(many_poses.CompletedPoses, "with_part", stop_after_one)
     with pytest.raises(KeyboardInterrupt) as stopped:
@@ -253,7 +253,7 @@ def test_many_poses_keep_what_was_done_before_an_error_and_finish_what_is_under_
     def stop(_: int) -> None:
         raise KeyboardInterrupt
 
-    settings = {"q": MODEL.poses["paper"][:, None] + np.linspace(-0.3, 0.3, 70), "samples": 200}
+    settings = {"poses": MODEL.poses["paper"][:, None] + np.linspace(-0.3, 0.3, 70), "samples": 200}
     whole = pp.sample_poses(MODEL, **settings).to_json()
     broken, interrupted = {"executor": Broken(), "tasks_under_way": 1}, {"executor": Muddled(), "progress": stop}
     for name, how, raised, held in (("a", broken, InputError, 64), ("b", interrupted, KeyboardInterrupt, 70)):

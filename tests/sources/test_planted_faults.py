@@ -21,9 +21,7 @@ SIGNS = (
     Fault("places", "every error of a frame reversed", "np.eye(6)[row]", "-np.eye(6)[row]", "frame"),
     Fault("joint_compliance", "torque that holds the load", "(joint), torque,", "(joint), -torque,"),
     Fault("joint_offset", "offset reversed", "JointValue(joint), 1.0,", "JointValue(joint), -1.0,"),
-    Fault(
-        "length", "direction turned the wrong way", "se3.turn(to_place, direction)", "se3.turn(to_place, -direction)"
-    ),
+    Fault("length", "direction turned the wrong way", "se3.turn(to_place, self", "-se3.turn(to_place, self"),
     Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), gamma)", "((0, 0, 1), -gamma)"),
     Fault("payload", "weight pulls up", "moments[row] = np.prod", "moments[row] = -np.prod"),
     Fault("places", "tilt reversed", "[0, -slope], [slope, 0]", "[0, slope], [-slope, 0]", "clearance"),
@@ -60,7 +58,12 @@ LAWS = (
     Fault("places", "shift and turn of a frame swapped", '"x", "y", "z", "rx"', '"rx", "y", "z", "x"', "frame"),
     Fault("joint_compliance", "another joint's torque", "torque_on(joint)", "torque_on((joint - 1) % len(posture.q))"),
     Fault("joint_offset", "half of it", "JointValue(joint), 1.0,", "JointValue(joint), 0.5,"),
-    Fault("length", "axes of the link before", "posture.link_poses[link][", "posture.link_poses[link - 1]["),
+    Fault(
+        "length",
+        "axes of the link before",
+        "se3.turn(posture.link_poses[link][",
+        "se3.turn(posture.link_poses[link - 1][",
+    ),
     Fault("mcpc", "α and β swapped", '"alpha", 3, start), ("beta", 4,', '"alpha", 4, start), ("beta", 3,'),
     Fault("mcpc", "shift in frame axes before they tilt", 'of link {link}", after_gamma)', 'of link {link}", start)'),
     Fault("payload", "centre axes off by one", "_moment(k + 1, mass, value)", "_moment(3 - k, mass, value)"),

@@ -193,7 +193,7 @@ class ErrorModel:
         Examples:
             >>> model = pp.ErrorModel.load("4dof.errors.yaml")
             >>> taught = model.against(pp.Datum.taught("paper"))
-            >>> print(np.abs(taught.at("paper").jacobian).max() < 1e-12)
+            >>> print(np.abs(taught.at("paper").jacobian[:3]).max() < 1e-12)
             True
         """
         known = {} if self.sheet is None else self.sheet.datums
