@@ -11,6 +11,7 @@ from precision_pin.kernel.sampler import BLOCK
 from precision_pin.robot.datums import Datum
 from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sources import JointOffset
+from precision_pin.terms.bound_source import LabelledSources
 from support.sheets import everything, seven_joint_arm
 
 ARM = everything(seven_joint_arm(), 3.0)
@@ -22,7 +23,7 @@ def with_own_draws(model: ErrorModel = ARM) -> ErrorModel:
     space = model.space.including([Draw("slip", Normal(1e-4), Scope.VISIT), Draw("again", Normal(1e-4), Scope.POSE)])
     result = model.like(model.chain, space)
     offsets = (JointOffset(joint="joint3", offset="slip"), JointOffset(joint="joint6", offset="again"))
-    result.sources, result.labels = (*model.sources, *offsets), (*model.labels, "slip", "again")
+    result.sources = LabelledSources((*model.sources, *offsets), (*model.labels, "slip", "again"))
     return result
 
 
