@@ -73,7 +73,7 @@ def test_a_sampled_verdict_and_quantile_may_be_wrong_as_often_as_stated(name):
     truths = [UNIT * quantile_of(below, level) for level in levels]
     for seed in range(turns):
         found = pp.monte_carlo(model, [0.0], samples=500, seed=seed, specifications=[asked], keep_samples=True)
-        (headline, *_) = answers(found.errors, [asked], np.ones(6))
+        (headline, *_) = answers(found.errors, [asked], np.eye(6))
         wrong += [found.summary.specifications[0].met, headline.verdict == "met"]
         ends = [found.attitude.norm.quantile_interval(level) for level in levels]
         held += [low - 1e-15 <= truth <= high + 1e-15 for (low, high), truth in zip(ends, truths, strict=True)]

@@ -250,6 +250,17 @@ def test_out_holds_the_plots_and_the_result_and_leaves_other_files(run, folder):
         assert (out / name).read_bytes().startswith(start)
 
 
+@pytest.mark.slow
+def test_a_limit_across_the_tool_has_a_plot_of_its_zone(run, folder):
+    limits = "--spec", "0.3 m zone @ 90 %", "--spec", "all of: 150 mm lateral, 90 mm axial @ 90 %"
+    outcome = run(*QUICK, *limits, "--json", "-", "--out", "plots")
+    assert outcome.said[-1] == "wrote plots: analysis.json, position, attitude, components and zone as PNG and SVG"
+    assert all((folder / "plots" / f"zone.{suffix}").stat().st_size for suffix in ("png", "svg"))
+    assert [(spec["quantity"], spec["limit"]) for spec in outcome.json["spec"]] == [
+        ("position.zone", pytest.approx(0.3)), ("all of: 150 mm lateral, 90 mm axial", 1.0),
+    ]  # fmt: skip
+
+
 def test_json_to_a_file_through_a_link_and_to_a_device(run, folder):
     (folder / "elsewhere").mkdir()
     (folder / "link.json").symlink_to(folder / "elsewhere" / "real.json")

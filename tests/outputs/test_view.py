@@ -641,7 +641,7 @@ def test_mcpc_frames_are_those_of_the_paper_at_every_pose(model):
         assert_allclose(found, frames, atol=1e-12)
 
 
-MOVING = np.full(6, 1e-4)
+MOVING = 1e-8 * np.eye(6)
 MILLIMETRE = pp.specification("1 mm @ 95 %")
 
 
@@ -712,7 +712,7 @@ def test_a_quantile_near_the_limit_is_undecided_and_few_samples_say_so():
     assert first.verdict == "undecided"
     assert "more samples decide it" in first.detail
     assert "too few" in answers(errors[:, :20], (), MOVING)[0].text
-    still, size = answers(np.full((6, 9), 1e-5), [MILLIMETRE], np.zeros(6))
+    still, size = answers(np.full((6, 9), 1e-5), [MILLIMETRE], np.zeros((6, 6)))
     assert still.verdict == "nothing to judge"
     assert "all alike" in size.detail
 

@@ -35,6 +35,7 @@ from precision_pin.pages.view.headline import answers
 from precision_pin.pages.view.poses import ellipsoids, link_shares
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.sources import Frame, JointOffset
+from precision_pin.statistics.limits import are_inside
 from support.browser import Visit, complaints, needs_chromium, outside_requests
 from support.sheets import SEVEN_Q, everything, seven_joint_arm
 
@@ -378,7 +379,7 @@ def test_moved_tolerances_are_those_of_a_changed_sheet(limited, tmp_path):
     # the very robots, to first order
     points = np.array(found["points"]).reshape(-1, 3)
     assert_allclose(points, fresh[:3, :10].T, atol=5e-3 * size.max())
-    one, also, quantile = answers(fresh, LIMITS, np.ones(6))
+    one, also, quantile = answers(fresh, LIMITS, np.eye(6))
     shown = headline(visit)
     # robots that were moved, not sampled: no verdict
     assert shown[0].split(":")[0] == f"To first order {one.text.split(':')[0].lower()}"
@@ -401,6 +402,26 @@ def test_moved_tolerances_are_those_of_a_changed_sheet(limited, tmp_path):
     visit.page.click("#reset")
     assert headline(visit) == before
     assert not visit.page.is_visible("#changed")
+
+
+def test_limits_along_the_tools_axes_are_counted_for_moved_tolerances_too(browser, shown, tmp_path):
+    texts = "0.3 mm lateral @ 60 %", "1 mrad tilt @ 60 %", "all of: 0.4 mm lateral, 0.2 mm axial, 1.2 mrad tilt @ 60 %"
+    asked = [pp.specification(text) for text in texts]
+    at, errors = shown[0].pose_model, shown[0].errors
+    axes = at.posture.pose[:3, :3]
+    inside = np.all([are_inside(one.conditions(axes), errors) for one in asked], axis=0)
+    assert 0.02 < inside.mean() < 0.98
+    visit = opened(browser, tmp_path, pages(shown, specifications=asked))
+    assert f"{(~inside).sum():,} of them outside" in visit.page.inner_text("#outside")
+    scales = 0.2, 3.0, 0.5, 2.0
+    set_tolerances(visit, *scales)
+    fresh = sampled(tmp_path, *scales)[0].errors
+    expected = answers(fresh, asked, np.eye(6), tool_axes=axes)
+    for rank, one in enumerate(expected[:3]):
+        text, detail = headline(visit)[2 * rank : 2 * rank + 2]
+        assert text.split(":")[0] == f"To first order {one.text.split(':')[0].lower()}"
+        assert_allclose(numbers(detail)[:3], numbers(one.detail)[:3], atol=0.3)
+    assert complaints(visit) == []
 
 
 def test_a_pose_keeps_what_was_chosen(limited, shown):

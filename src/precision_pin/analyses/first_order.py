@@ -57,6 +57,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel, Tangents, tangents
 from precision_pin.robot.chain import pose_findings
+from precision_pin.statistics.limits import Limited
 from precision_pin.terms.table import TermTable
 
 
@@ -95,7 +96,7 @@ def first_order(
     lines: Sequence[SourceLine],
     reference: PoseModel | None,
     step: Callable[[int], object],
-    vectors: Sequence[tuple[int, ...]] = (),
+    vectors: Sequence[Limited] = (),
 ) -> FirstOrder:
     """Return the moments at poses ``(n, P)``.
 
@@ -104,7 +105,7 @@ def first_order(
         lines: Lines of the shares.
         reference: The model at the pose where the robot is taught; ``None`` for absolute errors alone.
         step: Called with the number of poses done since the last call.
-        vectors: Rows of each vector whose law is to be bounded: those of position or attitude, or a single one.
+        vectors: Vectors whose lengths' laws are to be bounded.
 
     Raises:
         InputError: An error is too large to compute with.
@@ -114,6 +115,7 @@ def first_order(
     at_reference = None if reference is None else reference.tangent
     parts: list[FirstOrder] = []
     shapes = LawShapes.of(space) if vectors else None
+    turns = error_model.chain.at_columns(values).pose[:3, :3] if any(one.in_tool for one in vectors) else None
     begin = 0
     for chunk in tangents(error_model.at_columns(values, approaches)):
         poses = chunk.error.shape[1]
@@ -137,7 +139,8 @@ def first_order(
         bounded: tuple[Vectors, ...] = ()
         if shapes is not None:
             remainders = shapes.remainders(chunk)
-            bounded = tuple(shapes.vectors(chunk, covariance, remainders, rows) for rows in vectors)
+            axes = None if turns is None else turns[:, :, begin : begin + poses]
+            bounded = tuple(shapes.vectors(chunk, covariance, remainders, one, axes) for one in vectors)
         parts.append(FirstOrder(chunk.error, covariance, shares, relative_mean, relative_covariance, bounded))
         begin += poses
         step(poses)
@@ -329,11 +332,18 @@ class LawShapes(Fixed):
             (np.einsum("ijp,jp->ip", gain, self.remainders(part)) for gain, part in chunk.added), np.stack(bounds)
         )
 
-    def vectors(self, chunk: Tangents, covariance: Array, remainders: Array, rows: tuple[int, ...]) -> Vectors:
-        """Return position (rows 0, 1, 2), attitude (3, 4, 5) or one component (one row) at the poses of a chunk."""
-        row_list = list(rows)
-        jacobian, mean = chunk.jacobian[row_list], chunk.error[row_list]
-        block = covariance[np.ix_(row_list, row_list)]
+    def vectors(
+        self, chunk: Tangents, covariance: Array, remainders: Array, of: Limited, tool_axes: Array | None
+    ) -> Vectors:
+        """Return the limited components at the poses of a chunk, whose tool axes are ``(3, 3, P)``."""
+        rows = [of.first + axis for axis in of.axes]
+        if of.in_tool and tool_axes is not None:
+            part, along = slice(of.first, of.first + 3), tool_axes[:, list(of.axes)]
+            jacobian = np.einsum("kap,kdp->adp", along, chunk.jacobian[part])
+            mean = np.einsum("kap,kp->ap", along, chunk.error[part])
+            block = np.einsum("kap,klp,lbp->abp", along, covariance[part, part], along)
+        else:
+            jacobian, mean, block = chunk.jacobian[rows], chunk.error[rows], covariance[np.ix_(rows, rows)]
         lengths = np.sqrt((jacobian**2).sum(axis=0))
         squares = lengths**2
         gradient = np.einsum("kdp,kp->dp", jacobian, mean)
@@ -354,7 +364,7 @@ class LawShapes(Fixed):
             square_spread=np.sqrt(np.maximum(spread, 0.0)),
             replaced=np.zeros(len(size)) if self.is_normal else self._normality_distance(jacobian, block),
             farthest=size + self.farthest @ lengths,
-            remainder=remainders[int(rows[0] >= 3)],
+            remainder=remainders[of.first // 3],
         )
 
     def _normality_distance(self, jacobian: Array, covariance: Array) -> Array:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from precision_pin.base.errors import Finding
+from precision_pin.base.errors import Finding, visible
 from precision_pin.base.interrupts import raise_if_interrupted, unwinding
 from precision_pin.cli import options as shared
 from precision_pin.cli.analyses import check_shared
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
     from precision_pin.sheet import Sheet
 
-FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*")
+FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*", "zone.*")
 """Files written to a folder."""
 
 
@@ -125,10 +125,16 @@ def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
         analysis, arm["json_path"], lambda: analysis_table(analysis, is_whole=arm["is_whole"]), is_answered=True
     )
     if out is not None:
-        from precision_pin.sampling.figures import figures_of
+        from precision_pin.sampling.figures import figures_across, figures_of
 
-        write_folder(out, "analysis", analysis, figures_of(analysis.summary, analysis.seed, analysis.arm))
-        echo_note(f"wrote {out}: analysis.json, position, attitude and components as PNG and SVG")
+        figures = figures_of(analysis.summary, analysis.seed, analysis.arm)
+        if other is None:
+            of, at = analysis.summary, error_model.at(where)
+            drawn = figures_across(at, analysis.arm, of.specifications, of.samples, analysis.seed, arm["model"])
+            figures |= drawn
+        write_folder(out, "analysis", analysis, figures)
+        *names, last = figures
+        echo_note(f"wrote {out}: analysis.json, {', '.join(names)} and {last} as PNG and SVG")
     return 0 if all(result.met for result in analysis.summary.specifications) else EXIT_SPEC
 
 
@@ -152,9 +158,17 @@ def _analyze_poses(
     result = replace(result, names=tuple(pose.name for pose in poses))
     echo_result(result, arm["json_path"], lambda: poses_table(result, is_whole=arm["is_whole"]), is_answered=True)
     if arm["out"] is not None:
+        from precision_pin.sampling.figures import figures_across
+
         figures = {quantity: result.plot(quantity) for quantity in ("position", "attitude")}
-        write_folder(arm["out"], "poses", result, figures)
-        echo_note(f"wrote {arm['out']}: poses.json, position and attitude over the poses as PNG and SVG")
+        worst = result.worst_pose
+        limits = [of.results[worst] for of in result.specification_results]
+        where = f"{visible(result.robot, 60)} at the worst pose"
+        at = error_model.at(poses[worst].where)
+        drawn = figures_across(at, where, limits, samples, result.seed, arm["model"], worst)
+        write_folder(arm["out"], "poses", result, figures | drawn)
+        and_zone = ", zone at the worst" if drawn else ""
+        echo_note(f"wrote {arm['out']}: poses.json, position and attitude over the poses{and_zone} as PNG and SVG")
     return 0 if result.met else EXIT_SPEC
 
 

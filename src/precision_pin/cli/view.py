@@ -24,6 +24,7 @@ from precision_pin.cli.terminal import echo_note
 if TYPE_CHECKING:
     from precision_pin.pages.view import ViewPose
     from precision_pin.sheet import Sheet
+    from precision_pin.statistics import Specification
 
 
 @click.command("view", cls=shared.SamplingCommand)
@@ -93,7 +94,7 @@ def command(
         poses = read_poses(sheet, arm, MOST_POSES)
         if len(poses) > MOST_POSES:
             raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
-        shown, remarks = _sampled(poses, poses.noted_in(sheet), samples, arm)
+        shown, remarks = _sampled(poses, poses.noted_in(sheet), samples, specifications, arm)
         kept.append(limits_kept(shown, specifications))
         return page(
             shown,
@@ -130,7 +131,7 @@ def command(
 
 
 def _sampled(
-    poses: Sequence[AskedPose], sheet: Sheet, samples: int, arm: shared.Options
+    poses: Sequence[AskedPose], sheet: Sheet, samples: int, specifications: Sequence[Specification], arm: shared.Options
 ) -> tuple[list[ViewPose], list[str]]:
     """Return the errors of the same robots at every pose, and the shares that rest on assumptions; print warnings."""
     from precision_pin.model.error_model import ErrorModel
@@ -138,7 +139,7 @@ def _sampled(
 
     error_model = ErrorModel.from_sheet(sheet)
     compile_sampler(error_model.space, arm["model"])
-    settings = {name: arm[name] for name in ("seed", "model")}
+    settings = {name: arm[name] for name in ("seed", "model")} | {"specifications": specifications}
     with progress_bar(samples * len(poses), "sampling") as progress:
         asked = [(pose.where, pose.name) for pose in poses]
         views, findings = sample_views(error_model, asked, samples=samples, progress=progress, **settings)

@@ -38,6 +38,7 @@ from precision_pin.base.jit import (
     inline,
     strict,
 )
+from precision_pin.statistics.limits import SINE_SERIES
 
 Offsets = NDArray[np.uint64]
 Bins = NDArray[np.uint32]
@@ -333,6 +334,18 @@ class Datum(NamedTuple):
     """``(P, R, 6)`` what a unit of each row adds to the error at each pose."""
 
 
+class Conditions(NamedTuple):
+    """Limits on lengths of components of the error in any axes; several of a specification are kept together."""
+
+    starts: Offsets
+    """``(S + 1,)`` first condition of each specification; none for a limit of one of the eight quantities."""
+    matrices: Array
+    """``(C, 3, 6)``, or ``(P, C, 3, 6)``."""
+    limits: Array
+    tilts: Offsets
+    """Whether the limited length is the chord of a tilt, ``(C,)``."""
+
+
 class Counting(NamedTuple):
     """Centres to subtract, scales of bins, and limits to count against."""
 
@@ -340,6 +353,7 @@ class Counting(NamedTuple):
     inverse_scale: Array
     limit_rows: Offsets
     limits: Array
+    conditions: Conditions
 
 
 if INTERPRETED:
@@ -1391,9 +1405,37 @@ def _sketch_norms(s: Array, bins: Bins, count: Scalar, inverse_scale: Array, ske
         _count_bins(bins, _ZERO, 1, count, sketch)
 
 
+@strict
+def _keeps(s: Array, i: Scalar, conditions: Conditions, begin: Scalar, end: Scalar) -> bool:
+    """Return whether a sample keeps the conditions of a specification, as in `statistics.limits`."""
+    for c in range(begin, end):
+        square = 0.0
+        for row in range(_THREE):
+            along = conditions.matrices[c, row, _ZERO] * s[_STRIDE + i]
+            for k in range(_ONE, _SIX):
+                along = along + conditions.matrices[c, row, k] * s[(k + _ONE + k // _THREE) * _STRIDE + i]
+            square = square + along * along
+        length = np.sqrt(square)
+        if conditions.tilts[c]:
+            x, y, z = s[_U(5 * STRIDE) + i], s[_U(6 * STRIDE) + i], s[_U(7 * STRIDE) + i]
+            quarter = 0.25 * (x * x + y * y + z * z)
+            shortening = SINE_SERIES[-1]
+            for k in range(1, len(SINE_SERIES)):
+                shortening = shortening * quarter + SINE_SERIES[-1 - k]
+            length = length * shortening
+        if not length <= conditions.limits[c]:
+            return False
+    return True
+
+
 @cached_part
 def _count_inside(s: Array, count: Scalar, counting: Counting, inside: NDArray[np.int64]) -> None:
     for k in range(counting.limits.size):
+        begin, end = counting.conditions.starts[k], counting.conditions.starts[k + 1]
+        if begin < end:
+            for sample in range(count):
+                inside[k] += 1 if _keeps(s, _place_of(sample, True), counting.conditions, begin, end) else 0
+            continue
         row, limit = counting.limit_rows[k] * _STRIDE, counting.limits[k]
         count_inside = 0
         for i in range(_TILE):
@@ -1645,6 +1687,7 @@ def run_poses(
     inverse_scale: Array,
     limit_rows: Offsets,
     limits: Array,
+    conditions: Conditions,
     sums: Array,
     lowest: Array,
     highest: Array,
@@ -1663,7 +1706,7 @@ def run_poses(
         datum: As in `run`; its draws and formulas are of unit scope.
         rare, linear, seed, first, count: As in `run`.
         centre, inverse_scale: ``(P, 8)`` centres and reciprocals of the scales.
-        limit_rows, limits: ``(S,)`` quantities and their limits.
+        limit_rows, limits, conditions: ``(S,)`` quantities and their limits; conditions of others at all poses.
         sums, lowest, highest, sketch, inside: As in `run`, with a first axis of length P; the sketches are the small
             ones of the two norms.
     """
@@ -1694,7 +1737,8 @@ def run_poses(
                 return ANGLE, 0, begin + sample
         for pose in range(poses):
             at = _at_pose(motions, pose)
-            counting = Counting(centre[pose], inverse_scale[pose], limit_rows, limits)
+            here = Conditions(conditions.starts, conditions.matrices[pose], conditions.limits, conditions.tilts)
+            counting = Counting(centre[pose], inverse_scale[pose], limit_rows, limits, here)
             own_lanes = lanes[pose]
             if draws.stream_rows.size:
                 uniforms(w, draws.stream_rows, draws.streams, words[pose], seed, pair, products)

@@ -83,13 +83,14 @@ def part_arguments(name: str, rare: Wanted = None) -> tuple[Any, ...]:
     import numpy as np
 
     from precision_pin.kernel.arrays import empty_table
-    from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Counting
+    from precision_pin.kernel.loops import HELD, LARGEST, SCRATCH, STRIDE, TILE, Conditions, Counting
 
     layout = empty_table(rare)
     s, w, eight = np.zeros(SCRATCH * STRIDE), np.zeros(layout.rows * STRIDE), np.zeros(8)
     bins, offsets, offset = np.zeros(8 * (HELD + 1) * TILE, np.uint32), np.zeros(0, np.uint64), np.uint64(0)
     largest = np.zeros((2, LARGEST))
-    counting = Counting(eight, eight, offsets, np.zeros(0))
+    conditions = Conditions(offsets, np.zeros((0, 3, 6)), np.zeros(0), offsets)
+    counting = Counting(eight, eight, offsets, np.zeros(0), conditions)
     draws = layout.draws
     return {
         "_displace": (s, w, layout.motions, 0, 0, True),

@@ -41,7 +41,7 @@ from precision_pin.kernel.arrays import (
     rare_laws,
 )
 from precision_pin.kernel.parts import compile_parts
-from precision_pin.statistics import NORMS, Plan, State
+from precision_pin.statistics import NORMS, Plan, Specification, State
 from precision_pin.statistics.accumulate import COLUMNS, LARGEST, largest_of
 
 BLOCK: Final = loops.ATOM
@@ -343,8 +343,8 @@ def _arguments(
         centre=np.array(centre),
         # inverted once, so that the loops multiply instead of dividing
         inverse_scale=1 / scale,
-        limit_rows=np.array([specification.row for specification in specifications], dtype=np.uint64),
-        limits=np.array([specification.limit for specification in specifications], dtype=float),
+        **_limits(specifications),
+        conditions=_conditions(specifications, [np.eye(3) if plan is None else plan.tool_axes])[0],
     )
     # by position, in the order of `loops.run`; unused arguments are empty arrays: None is another type to numba
     # and would need another compilation
@@ -378,6 +378,30 @@ def _arguments(
         np.zeros((2, LARGEST)) if into is None else into.largest,
         np.zeros((2, LARGEST), dtype=np.int64) if into is None else into.largest_units,
     )
+
+
+def _limits(specifications: Sequence[Specification]) -> dict[str, Any]:
+    """Return rows and limits of those of the eight quantities; others count by conditions."""
+    rows = [specification.row or 0 for specification in specifications]
+    limits = [specification.limit for specification in specifications]
+    return {"limit_rows": np.array(rows, dtype=np.uint64), "limits": np.array(limits, dtype=float)}
+
+
+def _conditions(
+    specifications: Sequence[Specification], tool_axes: Sequence[Array]
+) -> tuple[loops.Conditions, loops.Conditions]:
+    """Return the conditions of other quantities than the eight at the first of P poses, and at all poses."""
+    counted = [spec for spec in specifications if spec.row is None]
+    at_poses = [[of for spec in counted for of in spec.conditions(axes)] for axes in tool_axes]
+    sizes = [0 if spec.row is not None else len(spec.parts) for spec in specifications]
+    matrices = np.array([[of.matrix for of in conditions] for conditions in at_poses]).reshape(len(at_poses), -1, 3, 6)
+    everywhere = loops.Conditions(
+        np.cumsum([0, *sizes]).astype(np.uint64),
+        matrices,
+        np.array([of.limit for of in at_poses[0]], dtype=float),
+        np.array([of.is_tilt for of in at_poses[0]], dtype=np.uint64),
+    )
+    return everywhere._replace(matrices=np.array(matrices[0])), everywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -631,8 +655,8 @@ def observe_norms(
         int(count),
         np.array([plan.centre for plan in plans]),
         np.array([1 / plan.scale for plan in plans]),
-        np.array([specification.row for specification in specifications], dtype=np.uint64),
-        np.array([specification.limit for specification in specifications], dtype=float),
+        *_limits(specifications).values(),
+        _conditions(specifications, [plan.tool_axes for plan in plans])[1],
         sums,
         lowest,
         highest,

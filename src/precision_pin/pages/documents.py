@@ -84,14 +84,17 @@ def view(
     check_seed(seed)
     check_choice("model", model, ("exact", "linear"))
     named_poses = [(pose, error_model.pose_name(pose)) for pose in listed_poses(poses)]
-    view_poses, _ = pages_of_view.sample_views(error_model, named_poses, samples=samples, seed=seed, model=model)
+    limits = listed_specifications(specifications)
+    view_poses, _ = pages_of_view.sample_views(
+        error_model, named_poses, samples=samples, seed=seed, model=model, specifications=limits
+    )
     return Page(
         pages_of_view.page(
             view_poses,
             seed=seed,
             model_name=model,
             points=samples,
-            specifications=listed_specifications(specifications),
+            specifications=limits,
             remarks=pages_of_view.remarks_on(error_model, view_poses),
         )
     )

@@ -9,6 +9,8 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from precision_pin.base.errors import InputError
+from precision_pin.statistics.limits import LIMITED
+from precision_pin.statistics.plan import QUANTITIES, is_joint
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -34,19 +36,28 @@ _DIGITS: Final = 6
 
 def symbol(quantity: str) -> str:
     """Return the symbol of a quantity in tables: ``|d|``, ``dx``, … for ``position.norm``, ``position.x``, …."""
+    if quantity not in QUANTITIES:
+        return absolute(quantity)
     vector, _, part = quantity.partition(".")
     letter = "d" if vector == "position" else "δ"
     return f"|{letter}|" if part == "norm" else f"{letter}{part}"
 
 
 def absolute(quantity: str) -> str:
-    """Return the symbol of a quantity's size, which a specification limits: ``|d|``, ``|dx|``, …."""
-    return f"|{symbol(quantity).strip('|')}|"
+    """Return the symbol of a quantity's size, which a specification limits: ``|d|``, ``lateral``, …."""
+    return LIMITED[quantity].symbol if quantity in LIMITED else quantity
+
+
+def bounded(quantity: str, limit: float, relation: str = " ≤ ", digits: int = _DIGITS, name: str = "") -> str:
+    """Return a limited quantity as text, such as ``|d| ≤ 0.5 mm``; of several limits at once their own text."""
+    if is_joint(quantity):
+        return quantity
+    return f"{name or absolute(quantity)}{relation}{1e3 * limit:.{digits}g} {unit(quantity)}"
 
 
 def unit(quantity: str) -> str:
-    """Return the unit in which a table shows a quantity."""
-    return "mm" if quantity.startswith("position") else "mrad"
+    """Return the unit in which a table shows a quantity; ``‰`` of the limits for several at once."""
+    return "‰" if is_joint(quantity) else "mm" if quantity.startswith("position") else "mrad"
 
 
 def quantity_label(quantity: str) -> str:

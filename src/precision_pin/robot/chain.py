@@ -535,6 +535,11 @@ class Posture:
         """Tip, or target if there is one, in the base, ``(4, 4)``."""
         return se3.compose(self.link_poses[-1], self.chain.target_placement)
 
+    @property
+    def tool_axes(self) -> Array:
+        """Axes of the tip, or target, as columns in the base, ``(3, 3)``."""
+        return self.pose[:3, :3]
+
     @cached_property
     @returns_read_only
     def joint_axes(self) -> Array:

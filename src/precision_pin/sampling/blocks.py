@@ -126,7 +126,8 @@ def planned(
     skewness = first_order_skewness(at.space.draws, slopes)
     pilot = partial(sampler.errors, layout, model, seed, 0, PILOT)
     moments = at.error_at_means, at.covariance
-    return plan_by_pilot(pilot, moments, reach(at, layout, slopes), skewness, specifications)
+    plan = plan_by_pilot(pilot, moments, reach(at, layout, slopes), skewness, specifications)
+    return replace(plan, tool_axes=at.posture.tool_axes)
 
 
 def plan_by_pilot(

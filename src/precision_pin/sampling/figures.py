@@ -12,21 +12,28 @@ import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError, visible
 from precision_pin.base.files import write_files
 from precision_pin.base.written_units import WrittenUnit
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.render import draw_distribution, figure_style
-from precision_pin.render.tables import pose_labels, symbol
+from precision_pin.render.tables import bounded, pose_labels, symbol
+from precision_pin.sampling.clouds import sample_errors
 from precision_pin.sampling.poses_result import LEVELS, PosesResult
-from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary
+from precision_pin.statistics import QUANTITIES, Distribution, SpecificationResult, Summary, format_share
+from precision_pin.statistics.limits import LIMITED
 
 DOTS_PER_INCH: Final = 200
+_POINTS: Final = 5_000
+"""Robots drawn in a zone: more hide the circle."""
+_ACROSS: Final = ("position.lateral", "position.zone")
 
 _Draw = Callable[[Axes, Distribution, WrittenUnit, Sequence[SpecificationResult]], None]
 
@@ -127,6 +134,54 @@ def figure_components(
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 handle.set_label(label.split(":")[0])
         figure_style.frame(figure, grid.flat, title, _caption(summary, seed), 95.0)
+    return figure
+
+
+def figures_across(
+    at: PoseModel, arm: str, results: Sequence[SpecificationResult], samples: int, seed: int, model: Any, pose: int = 0
+) -> dict[str, Figure]:
+    """Return the figure ``zone`` of position errors seen along the tool's z, 85 mm wide, if a limit is across it.
+
+    Points are of the first robots, in tool axes, mm, outside the narrowest zone in another colour; a circle is a limit
+    of ``lateral`` or ``zone``, with the fraction of all samples inside.
+    """
+    limits = [one for one in results if one.quantity in _ACROSS]
+    if not limits:
+        return {}
+    errors = sample_errors(at, min(samples, _POINTS), seed=seed, model=model, pose=pose, progress=lambda _: None)
+    return {"zone": figure_across(at.posture.tool_axes.T @ errors[:3], limits, title=f"Zone of {arm}", seed=seed)}
+
+
+def figure_across(
+    points: Array, limits: Sequence[SpecificationResult], *, title: str = "Zone", seed: int | None = None
+) -> Figure:
+    """Return the figure of position errors ``(3, N)`` in tool axes within limits of ``lateral`` and ``zone``."""
+    radii = [one.limit / LIMITED[one.quantity].factor for one in limits]
+    across = np.hypot(points[0], points[1])
+    unit = WrittenUnit.of_axis("position", max(*radii, float(across.max())))
+    is_inside = across <= min(radii)
+    with figure_style.style():
+        figure = figure_style.new_figure(figure_style.SINGLE_COLUMN)
+        axes = figure.subplots()
+        for mask, colour in ((is_inside, draw_distribution.BLUE), (~is_inside, draw_distribution.VERMILION)):
+            axes.plot(
+                *(unit.per_si * points[:2, mask]), ".", color=colour, markersize=1.5, alpha=0.5, markeredgewidth=0
+            )
+        axes.plot([0], [0], "+", color=draw_distribution.BLACK, markersize=7)
+        turns = np.linspace(0, 2 * np.pi, 361)
+        for one, radius in zip(limits, radii, strict=True):
+            share, low, high = format_share(one.probability, one.interval, one.required)
+            axes.plot(
+                unit.per_si * radius * np.cos(turns), unit.per_si * radius * np.sin(turns), linestyle=_LIMIT_DASHES,
+                color=draw_distribution.LIMIT_COLOURS.get(one.verdict, draw_distribution.BLACK), linewidth=1.2,
+                label=f"{bounded(one.quantity, one.limit)}: {share} % inside ({low} to {high} %)",
+            )  # fmt: skip
+        axes.set_aspect("equal", "datalim")
+        axes.set_xlabel(f"tool x [{unit.name}]")
+        axes.set_ylabel(f"tool y [{unit.name}]")
+        points_text = f"{points.shape[1]:,} robots" + ("" if seed is None else f", seed {seed}")
+        caption = f"{points_text}, seen along the tool's z; +: nominal axis"
+        figure_style.frame(figure, [axes], title, caption, 85.0, 1)
     return figure
 
 

@@ -52,8 +52,8 @@ from precision_pin.statistics import (
     Specification,
     clopper_pearson,
     quantile_ranks,
-    quantity_values,
 )
+from precision_pin.statistics.limits import are_inside
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 MOST_SAMPLES: Final = 2**32 - 1
@@ -232,16 +232,17 @@ class _Poses:
         blocks = -(-self.work.samples // BLOCK)
         while together := list(islice(models, MOST_TOGETHER)):
             layouts = sampler.to_arrays_at_poses(together)
+            axes = [at.posture.tool_axes for at in together]
             while layouts:
                 # a group needs the same formulas at all its poses; they rarely change from pose to pose
                 alike = next((k for k, other in enumerate(layouts) if not is_alike(layouts[0], other)), len(layouts))
-                group = PoseGroup.with_plans(JoinedTables.of(layouts[:alike]), first_pose, self.work)
+                group = PoseGroup.with_plans(JoinedTables.of(layouts[:alike]), first_pose, self.work, axes[:alike])
                 # at least 16 tasks, so that a single group occupies all threads
                 size = min(max(1, _TASK // alike), -(-blocks // 16))
                 for first_block in range(0, blocks, size):
                     yield (group, first_block), group.work.observe, first_block, min(size, blocks - first_block)
                 first_pose += alike
-                layouts = layouts[alike:]
+                layouts, axes = layouts[alike:], axes[alike:]
 
     def count_everywhere(self, threads: int, step: Callable[[int], object]) -> tuple[int, ...]:
         """Return how many robots keep each specification at all poses."""
@@ -253,20 +254,20 @@ class _Poses:
             float(work.samples * len(specifications)), f"marking {work.samples:,} robots", "sample fewer of them"
         )
         is_kept = np.ones((len(specifications), work.samples), dtype=np.bool_)
-        rows = [spec.row for spec in specifications]
-        limits = np.array([[spec.limit] for spec in specifications])
 
-        def mark(first: int, layouts: Sequence[SamplerArrays], first_pose: int) -> int:
+        def mark(first: int, layouts: Sequence[SamplerArrays], first_pose: int, tool_axes: Sequence[Array]) -> int:
             count = min(_ROBOTS, work.samples - first)
-            for pose, layout in enumerate(layouts, start=first_pose):
+            for pose, (layout, axes) in enumerate(zip(layouts, tool_axes, strict=True), start=first_pose):
                 errors = sampler.errors(layout, work.model, work.seed, first, count, pose=pose)
-                is_kept[:, first : first + count] &= np.abs(quantity_values(errors))[rows] <= limits
+                for specification, row in zip(specifications, is_kept, strict=True):
+                    row[first : first + count] &= are_inside(specification.conditions(axes), errors)
             return count * len(layouts)
 
         models, first_pose = self._models(slice(None)), 0
         while group := list(islice(models, MOST_TOGETHER)):
             layouts = sampler.to_arrays_at_poses(group)
-            marks = (partial(mark, first, layouts, first_pose) for first in range(0, work.samples, _ROBOTS))
+            axes = [at.posture.tool_axes for at in group]
+            marks = (partial(mark, first, layouts, first_pose, axes) for first in range(0, work.samples, _ROBOTS))
             for count in in_order(marks, threads):
                 step(count)
             first_pose += len(layouts)
@@ -343,10 +344,12 @@ class PoseGroup:
         self._inside = np.zeros((self.poses, len(work.specifications)), dtype=np.int64)
 
     @classmethod
-    def with_plans(cls, tables: JoinedTables, first_pose: int, work: PosesWork) -> PoseGroup:
+    def with_plans(
+        cls, tables: JoinedTables, first_pose: int, work: PosesWork, tool_axes: Sequence[Array]
+    ) -> PoseGroup:
         """Return a group with centres and spreads planned from the first samples."""
         poses = len(tables.layouts)
-        plans = [Plan(np.zeros(8), np.ones(8), work.specifications)] * poses
+        plans = [Plan(np.zeros(8), np.ones(8), work.specifications, tool_axes=axes) for axes in tool_axes]
         for samples in PILOTS:
             pilot = cls(tables, first_pose, replace(work, samples=min(samples, work.samples)), plans)
             pilot.add(pilot.work.observe(0, 1))
@@ -358,7 +361,10 @@ class PoseGroup:
                     f"the errors at poses {first_pose} to {first_pose + poses - 1} are too large to compute with; "
                     "the tolerances or loads are far too large"
                 ) from None
-            plans = [Plan(mean[pose], spread[pose], work.specifications) for pose in range(poses)]
+            plans = [
+                Plan(mean[pose], spread[pose], work.specifications, tool_axes=axes)
+                for pose, axes in enumerate(tool_axes)
+            ]
         return cls(tables, first_pose, work, plans)
 
     def add(self, blocks: NormBlocks) -> None:

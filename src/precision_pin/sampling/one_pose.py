@@ -36,7 +36,13 @@ from precision_pin.sampling.blocks import (
 from precision_pin.sampling.journal import SAMPLES, Files, identity, samples_of
 from precision_pin.sampling.result import Correlated, MonteCarloResult, RelativeTo, Until
 from precision_pin.sampling.run import Run, RunSettings, check_common
-from precision_pin.sampling.verdict_grounds import LARGEST_SQUARE, by_both_models, exact_findings_at, grounds_at
+from precision_pin.sampling.verdict_grounds import (
+    LARGEST_SQUARE,
+    by_both_models,
+    exact_findings_at,
+    grounds_at,
+    specified_values,
+)
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import (
     QUANTITIES,
@@ -50,7 +56,6 @@ from precision_pin.statistics import (
     quantile_ranks,
     start,
 )
-from precision_pin.statistics.accumulate import quantity_values
 from precision_pin.statistics.plan import Specifications, listed_specifications
 from precision_pin.statistics.precision import Precision, Target, reached, target
 
@@ -155,11 +160,11 @@ def monte_carlo(
     with run_settings.begun(start(plan), samples_of(plan), known, work.samples) as run:
         enough = _enough(targets, plan, confidence, run_settings.report) if targets else None
         errors = sample_blocks(run, work, enough=enough)
-    summary = finish(plan, run.state, confidence, spread=_spread(at.covariance))
+    summary = finish(plan, run.state, confidence, first_order=at.covariance)
     precisions = [(text, reached(of, summary)) for text, of in zip(until, targets, strict=True)]
     return _result(
         error_model, at, pose, work, summary, errors, findings,
-        lambda: grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, int(seed))),
+        lambda: grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, int(seed), specifications)),
         "at this pose: all robots have the same error",
         after=[_missed_target(text, p, summary.samples) for text, p in precisions if not p.reached],
         datum=_datum_at(error_model, at, work),
@@ -167,10 +172,6 @@ def monte_carlo(
         origins=origin_shares(error_model.origins, at),
         until=tuple(Until(*p) for p in precisions),
     )  # fmt: skip
-
-
-def _spread(covariance: Array) -> Array:
-    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def _result(
@@ -404,8 +405,8 @@ def relative(
         samples: Number of built robots.
         seed: 64-bit seed.
         model: ``"exact"`` evaluates the displaced chain, ``"linear"`` superposes first-order errors (eqs 12-17).
-        specifications: Limits of the relative error to count against: one or a list, each from
-            :func:`precision_pin.specification` or its text.
+        specifications: Limits of the relative error to count against, along tool axes those of ``pose``: one or a list,
+            each from :func:`precision_pin.specification` or its text.
         keep_samples: Keep every relative error, ``(6, samples)``.
         confidence: Confidence of every interval.
         findings: Warnings to include in the result, such as those of the sheet.
@@ -443,7 +444,7 @@ def relative(
     pair = _Pair(*models, *layouts, model, int(seed), int(samples), keep_samples, limits)
     with run_settings.begun(start(pair.plan), SAMPLES, lambda _: {}, pair.samples) as run:
         errors = sample_blocks(run, pair)
-    summary = finish(pair.plan, run.state, confidence, spread=_spread(pair.covariance))
+    summary = finish(pair.plan, run.state, confidence, first_order=pair.covariance)
     label, joints = error_model.pose_name(other), error_model.chain.joint_names
     state = pair.other.posture
 
@@ -451,7 +452,8 @@ def relative(
         names = (error_model.pose_name(pose) or "the pose", label or "the pose relative to which errors are taken")
         joint_values = np.column_stack([pair.at.posture.q, state.q])
         pairs = (pair, replace(pair, model="exact")) if model == "linear" else ()
-        absolute = [np.abs(quantity_values(variant.errors(0, BLOCK))) for variant in pairs]
+        tool_axes = pair.at.posture.tool_axes
+        absolute = [specified_values(pair.specifications, variant.errors(0, BLOCK), tool_axes) for variant in pairs]
         return grounds_at(error_model, joint_values, names, both=pairwise(absolute))
 
     return _result(
@@ -534,13 +536,14 @@ class _Pair:
         other_draws = [draw for draw, rows in zip(space.draws, space.slices, strict=True) if not shared[rows].any()]
         # draws that are not shared count at either pose
         columns = np.hstack([np.where(shared, a - b, a), -b[:, ~shared]])
-        return plan_by_pilot(
+        plan = plan_by_pilot(
             lambda: self.errors(0, PILOT),
             (self.at.error_at_means - self.other.error_at_means, self.covariance),
             reach(self.at, self.layout, np.where(shared, np.abs(a - b), np.abs(a) + np.abs(b))),
             first_order_skewness((*space.draws, *other_draws), columns),
             self.specifications,
         )
+        return replace(plan, tool_axes=self.at.posture.tool_axes)
 
 
 def _name_pose(findings: Sequence[Finding], label: str) -> list[Finding]:

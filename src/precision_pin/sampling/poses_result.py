@@ -33,7 +33,7 @@ from precision_pin.statistics import (
     Verdict,
     clopper_pearson,
 )
-from precision_pin.statistics.summary import NO_SPREAD
+from precision_pin.statistics.summary import NO_SPREAD, is_varying, with_norms
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -274,8 +274,9 @@ class PosesResult(Record, JsonResult):
         """Each specification over all poses, judged at each as for a single pose."""
         labels, varying = tuple(pose_labels(self.names)), self._varying()
         models = self.error_model.at_columns(self.q, self.approaches)
-        model_verdicts = by_both_models(models, self.model if self.specifications else "", self.seed, self.poses)
-        grounds = grounds_at_each(self.error_model, self.q, labels, model_verdicts)
+        sampled = self.model if self.specifications else ""
+        both = by_both_models(models, sampled, self.seed, self.specifications, self.poses)
+        grounds = grounds_at_each(self.error_model, self.q, labels, both)
         of_all = next((entry for entry in grounds if entry.not_judged), grounds[0])
         of_all = replace(of_all, both=largest_of_both(entry.both for entry in grounds if entry.both is not None))
 
@@ -289,12 +290,12 @@ class PosesResult(Record, JsonResult):
         for rank, spec in enumerate(self.specifications):
             shares = self.probability[rank].tolist()
             intervals = map(tuple, self.probability_interval[rank].T.tolist())
-            at_each = zip(shares, intervals, varying[spec.row], grounds, strict=True)
+            at_each = zip(shares, intervals, varying[rank], grounds, strict=True)
             everywhere = None
             if self.kept_everywhere is not None:
                 count = self.kept_everywhere[rank]
                 interval = clopper_pearson(count, self.samples, self.confidence)
-                everywhere = judged(rank, count / self.samples, interval, varying[spec.row].any(), of_all)
+                everywhere = judged(rank, count / self.samples, interval, varying[rank].any(), of_all)
             largest = tuple(self.norm_mean[int(spec.quantity.startswith("attitude"))].tolist())
             results.append(
                 PosesSpecification(tuple(judged(rank, *entry) for entry in at_each), labels, largest, everywhere)
@@ -302,14 +303,24 @@ class PosesResult(Record, JsonResult):
         return tuple(results)
 
     def _varying(self) -> NDArray[np.bool_]:
-        """Return which of the eight quantities vary at each pose, ``(8, P)``, in the samples or to first order."""
-        components = np.nan_to_num(self.std) > NO_SPREAD
-        specified = [spec.row for spec in self.specifications]
-        alike = np.flatnonzero(~_with_norms(components)[specified].all(axis=0))
+        """Return which specified quantities vary at each pose, ``(S, P)``, in the samples or to first order."""
+        tool_axes = self.error_model.chain.at_columns(self.q).pose[:3, :3]
+        varying = self._moved(np.nan_to_num(self.covariance), tool_axes)
+        alike = np.flatnonzero(~varying.all(axis=0))
         approaches = None if self.approaches is None else self.approaches[:, alike]
         for pose, at in zip(alike, self.error_model.at_columns(self.q[:, alike], approaches), strict=True):
-            components[:, pose] |= np.sqrt(np.maximum(np.diag(at.covariance), 0.0)) > NO_SPREAD
-        return _with_norms(components)
+            varying[:, [pose]] |= self._moved(at.covariance[:, :, None], tool_axes[:, :, [pose]])
+        return varying
+
+    def _moved(self, covariances: Array, tool_axes: Array) -> NDArray[np.bool_]:
+        """Return which specified quantities vary, ``(S, P)``, by covariances ``(6, 6, P)``."""
+        spread = np.sqrt(np.maximum(np.diagonal(covariances).T, 0.0))
+        masks, poses = with_norms(spread > NO_SPREAD), range(covariances.shape[2])
+        moved = [
+            [is_varying(spec, masks[:, pose], tool_axes[:, :, pose], (covariances[:, :, pose],)) for pose in poses]
+            for spec in self.specifications
+        ]
+        return np.array(moved, dtype=np.bool_).reshape(len(moved), len(poses))
 
     def plot(self, quantity: str = "position", *, axes: Axes | None = None) -> Axes | Figure:
         """Draw the median and the 95 and 99.73 % quantiles over the poses, with the specified limits.
@@ -474,11 +485,3 @@ class PosesResult(Record, JsonResult):
             f"<PosesResult of {self.robot!r}, {self.base!r} to {self.tip!r}: {self.poses:,} poses, "
             f"{self.samples:,} samples at each, seed {self.seed}, {self.model} model{phrase}>"
         )
-
-
-def _with_norms(components: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of the eight quantities vary, ``(8, P)``, given the components: a norm if one of its three does."""
-    varying = np.zeros((8, components.shape[1]), dtype=np.bool_)
-    varying[list(COMPONENTS)] = components
-    varying[list(NORMS)] = components.reshape(2, 3, -1).any(axis=1)
-    return varying

@@ -454,7 +454,7 @@ def specification_columns(confidence: float = 0.95) -> list[Column]:
 
 def limit_text(result: SpecificationResult) -> str:
     """Return quantity and limit as text."""
-    return f"{tables.absolute(result.quantity)} ≤ {1e3 * result.limit:.6g} {tables.unit(result.quantity)}"
+    return tables.bounded(result.quantity, result.limit)
 
 
 _COMPONENTS: Final = ("dx", "dy", "dz", "rx", "ry", "rz")

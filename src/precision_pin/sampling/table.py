@@ -13,7 +13,7 @@ import numpy as np
 from precision_pin.base.errors import shown, visible
 from precision_pin.model.datum import DatumEffect, datum_text
 from precision_pin.model.pose_model import origin_shares
-from precision_pin.render.tables import ROUNDING, absolute, joint_text, pose_labels, resting_on, symbol, unit
+from precision_pin.render.tables import ROUNDING, bounded, joint_text, pose_labels, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned
 from precision_pin.sampling.poses_result import LEVELS, PosesResult, PosesSpecification
 from precision_pin.sampling.result import Correlated, MonteCarloResult
@@ -207,7 +207,7 @@ def demanded(specification: Specification | SpecificationResult) -> str:
     """Return a specification as text, such as ``|d| within 0.5 mm for 95 %``; a large angle in degrees too."""
     of, limit = specification.quantity, specification.limit
     degrees = f" ({math.degrees(limit):.4g} deg)" if of.startswith("attitude") and limit >= 0.1 else ""
-    return f"{absolute(of)} within {1e3 * limit:.6g} {unit(of)}{degrees} for {100 * specification.required:.10g} %"
+    return f"{bounded(of, limit, ' within ')}{degrees} for {100 * specification.required:.10g} %"
 
 
 def verdict_line(demand: str, result: SpecificationResult, samples: str) -> str:

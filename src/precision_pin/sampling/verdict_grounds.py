@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,8 +18,8 @@ from precision_pin.model.equilibrium import turnover_findings
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.configurations import ApproachedPose
-from precision_pin.statistics import NO_SPREAD, Grounds
-from precision_pin.statistics.accumulate import quantity_values
+from precision_pin.statistics import NO_SPREAD, Grounds, Specification
+from precision_pin.statistics.plan import sizes_of
 
 _MOST_POSES: Final = 50
 """Maximum number of poses, evenly spaced, for the fraction of variance taken as exact: enough for its range in a message."""
@@ -36,7 +36,7 @@ def grounds_at(
     values: Array,
     labels: Sequence[str] = (),
     times: NDArray[np.float64] | None = None,
-    both: Iterable[tuple[Array, Array]] = (),
+    both: Iterable[BothModels] = (),
     unreached: str = "",
 ) -> Grounds:
     """Return the grounds of a verdict over poses: not judged if a pose is outside limits, unreached, or passed too fast.
@@ -62,10 +62,14 @@ def grounds_at(
     return Grounds(reason, exact, largest, **settings)
 
 
+BothModels = tuple[Mapping[str, Array], Mapping[str, Array]]
+"""Absolute values ``(n,)`` of specified quantities of robots, by the linear and by the exact model."""
+
+
 def by_both_models(
-    models: Iterable[PoseModel], sampled: str, seed: int, poses: int = 1
-) -> Iterator[tuple[Array, Array]]:
-    """Yield the eight absolute quantities of robots at each pose by the sampled and a better model, ``(8, n)`` each.
+    models: Iterable[PoseModel], sampled: str, seed: int, specifications: Sequence[Specification], poses: int = 1
+) -> Iterator[BothModels]:
+    """Yield the absolute values of the specified quantities of robots at each pose by the sampled and a better model.
 
     The better one is the exact model if the linear one is sampled; with a datum, robots that each find it. Nothing if
     there is no better one. Infinite if it has no error, since a rotation is too large.
@@ -75,22 +79,38 @@ def by_both_models(
             return
         least, most, in_all = _ROBOTS if at.datum is None else _SOLVED
         robots = max(least, min(most, in_all // poses))
-        x, better = at.space.sample(seed, 0, robots, pose=pose), np.full((8, robots), np.inf)
+        x = at.space.sample(seed, 0, robots, pose=pose)
+        better = {specification.quantity: np.full(robots, np.inf) for specification in specifications}
         with suppress(InputError):
-            better = np.abs(quantity_values(at.solved(x)))
-        yield np.abs(quantity_values(at.linear(x) if sampled == "linear" else at.exact(x))), better
+            better = specified_values(specifications, at.solved(x), at.posture.tool_axes)
+        errors = at.linear(x) if sampled == "linear" else at.exact(x)
+        yield specified_values(specifications, errors, at.posture.tool_axes), better
 
 
-def largest_of_both(both: Iterable[tuple[Array, Array]]) -> tuple[Array, Array] | None:
+def specified_values(specifications: Sequence[Specification], errors: Array, tool_axes: Array) -> dict[str, Array]:
+    """Return the absolute values ``(n,)`` of the specified quantities for errors ``(6, n)``."""
+    return {
+        specification.quantity: sizes_of(specification.quantity, errors, tool_axes) for specification in specifications
+    }
+
+
+def largest_of_both(both: Iterable[BothModels]) -> BothModels | None:
     """Return the largest quantities of each robot by both models, from :func:`by_both_models`; None without poses."""
-    largest: tuple[Array, Array] | None = None
+    largest: BothModels | None = None
     for pair in both:
-        largest = pair if largest is None else (np.maximum(largest[0], pair[0]), np.maximum(largest[1], pair[1]))
+        linear, exact = (
+            pair
+            if largest is None
+            else (
+                {name: np.maximum(of[name], more[name]) for name in of} for of, more in zip(largest, pair, strict=True)
+            )
+        )
+        largest = linear, exact
     return largest
 
 
 def grounds_at_each(
-    model: ErrorModel, values: Array, labels: Sequence[str], both: Iterable[tuple[Array, Array]] = ()
+    model: ErrorModel, values: Array, labels: Sequence[str], both: Iterable[BothModels] = ()
 ) -> list[Grounds]:
     """Return the grounds of a verdict at each of many poses ``(n, P)``; see :func:`grounds_at`."""
     inside = grounds_at(model, values[:, :0])

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InternalError
+from precision_pin.statistics.limits import are_inside
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan
 
 Counts = NDArray[np.int64]
@@ -146,6 +147,8 @@ def is_consistent(plan: Plan, state: State) -> bool:
         if not ((low[rows, column] <= value - plan.centre) & (value - plan.centre <= high[rows, column])).all():
             return False
     for spec, inside in zip(plan.specifications, state.inside.tolist(), strict=True):
+        if spec.row is None:
+            continue
         counts, centre, limit = state.sketch[spec.row], plan.centre[spec.row], spec.limit
         certain = counts[(low[spec.row] >= -limit - centre) & (high[spec.row] <= limit - centre)].sum()
         possible = counts[(high[spec.row] >= -limit - centre) & (low[spec.row] <= limit - centre)].sum()
@@ -208,6 +211,13 @@ def _tally(plan: Plan, values: Array, first: int) -> State:
     columns = sketch_columns(residuals / plan.scale[:, None])
     columns += COLUMNS * np.arange(8)[:, None]
     empty = start(plan)
+    errors = values[list(COMPONENTS)]
+    inside = [
+        np.abs(values[spec.row]) <= spec.limit
+        if spec.row is not None
+        else are_inside(spec.conditions(plan.tool_axes), errors)
+        for spec in plan.specifications
+    ]
     units = np.tile(np.arange(first, first + values.shape[1]), (2, 1))
     largest, largest_units = largest_of(empty.largest, empty.largest_units, values[list(NORMS)], units)
     return State(
@@ -218,9 +228,7 @@ def _tally(plan: Plan, values: Array, first: int) -> State:
         products=products,
         norm_squares=lane_sums(norms * norms),
         sketch=np.bincount(columns.ravel(), minlength=8 * COLUMNS).reshape(8, COLUMNS),
-        inside=np.array(
-            [np.count_nonzero(np.abs(values[spec.row]) <= spec.limit) for spec in plan.specifications], dtype=np.int64
-        ),
+        inside=np.array([np.count_nonzero(kept) for kept in inside], dtype=np.int64),
         largest=largest,
         largest_units=largest_units,
     )

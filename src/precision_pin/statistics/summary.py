@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from statistics import NormalDist
@@ -17,7 +18,8 @@ from precision_pin.base.errors import InternalError, visible
 from precision_pin.statistics.accumulate import State, sketch_edges
 from precision_pin.statistics.distribution import Distribution
 from precision_pin.statistics.intervals import check_confidence, clopper_pearson
-from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, quantity_name
+from precision_pin.statistics.limits import moves
+from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification, is_joint, quantity_name
 
 NO_SPREAD: Final = 1e-12
 """Differences below this value (m, rad) count as rounding: some thousand roundings of coordinates of metres (2e-16)."""
@@ -110,26 +112,45 @@ class Summary(Record):
         return None if ends is None else [[None if np.isnan(b).any() else b.tolist() for b in row] for row in ends]
 
 
-def varying_quantities(state: State, spread: ArrayLike | None = None) -> NDArray[np.bool_]:
+def varying_quantities(state: State, first_order: Array | None = None) -> NDArray[np.bool_]:
     """Return a mask ``(8,)`` of the quantities that vary, in the samples or to first order.
 
-    ``spread`` ``(6,)`` are first-order standard deviations of the components; they include rare values beyond the
-    samples.
+    ``first_order`` ``(6, 6)`` is the first-order covariance of the error; it includes rare values beyond the samples.
     """
-    is_varying: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
-    if spread is not None:
-        is_varying[list(COMPONENTS)] |= np.asarray(spread) > NO_SPREAD
-    # a norm counts as varying with its components: errors on a circle have a constant norm
-    is_varying[list(NORMS)] |= is_varying[list(COMPONENTS)].reshape(2, 3).any(axis=1)
-    return is_varying
+    varying: NDArray[np.bool_] = state.highest - state.lowest > NO_SPREAD
+    components = varying[list(COMPONENTS)]
+    if first_order is not None:
+        components = components | (np.sqrt(np.maximum(np.diag(first_order), 0.0)) > NO_SPREAD)
+    return varying | with_norms(components)
 
 
-def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayLike | None = None) -> Summary:
+def with_norms(components: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the eight quantities vary, ``(8, …)``, given which components do, ``(6, …)``.
+
+    A norm counts as varying with its components: errors on a circle have a constant norm.
+    """
+    varying = np.zeros((8, *components.shape[1:]), dtype=np.bool_)
+    varying[list(COMPONENTS)] = components
+    varying[list(NORMS)] = components.reshape(2, 3, *components.shape[1:]).any(axis=1)
+    return varying
+
+
+def is_varying(
+    specification: Specification, varying: NDArray[np.bool_], tool_axes: ArrayLike, covariances: Sequence[Array | None]
+) -> bool:
+    """Return whether a specification's quantity varies, given which of the eight do ``(8,)``, and covariances."""
+    if specification.row is not None:
+        return bool(varying[specification.row])
+    conditions = specification.conditions(tool_axes)
+    return any(of is not None and moves(conditions, of, NO_SPREAD) for of in covariances)
+
+
+def finish(plan: Plan, state: State, confidence: float = 0.95, *, first_order: Array | None = None) -> Summary:
     """Return the summary of the accumulated samples.
 
     Args:
         confidence: Confidence of every interval, between 0 and 1.
-        spread: As for :func:`varying_quantities`.
+        first_order: As for :func:`varying_quantities`.
 
     Raises:
         InputError: The confidence lies outside 0 to 1.
@@ -140,7 +161,7 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
         raise InternalError("no samples to summarise")
     if state.inside.size != len(plan.specifications):
         raise InternalError(f"a state of {state.inside.size} specifications for a plan of {len(plan.specifications)}")
-    varying = varying_quantities(state, spread)
+    varying = varying_quantities(state, first_order)
     means = np.clip(plan.centre + state.sums / state.count, state.lowest, state.highest)
     covariance = _covariance(state)
     deviations = None if covariance is None else _deviations(state, covariance)
@@ -164,7 +185,7 @@ def finish(plan: Plan, state: State, confidence: float = 0.95, *, spread: ArrayL
     results = []
     for spec, inside in zip(plan.specifications, state.inside.tolist(), strict=True):
         interval = clopper_pearson(inside, state.count, confidence)
-        share, varies = inside / state.count, bool(varying[spec.row])
+        share, varies = inside / state.count, is_varying(spec, varying, plan.tool_axes, (covariance, first_order))
         results.append(SpecificationResult(spec.quantity, spec.limit, spec.required, share, interval, varies))
     return Summary(
         samples=state.count,
@@ -247,8 +268,8 @@ class Grounds(Record):
     Attributes:
         not_judged: Reason for no verdict, such as a joint outside its limits; empty if a verdict can be given.
         exact: Sources and parameters whose laws a change of the sheet has replaced by single values.
-        both: Absolute values of the eight quantities of the same robots by the sampled model and by a better one,
-            ``(8, n)`` each; a result converts them to ``linear``, the text of their difference.
+        both: Absolute values ``(n,)`` of the specified quantities of the same robots by the sampled model and by a better
+            one; a result converts them to ``linear``, the text of their difference.
         sampled, better: What they are called in messages.
         decides: Whether the better model gives the verdict where the sampled one is too coarse for it.
         remedy: Option that gives a verdict.
@@ -258,7 +279,7 @@ class Grounds(Record):
 
     not_judged: str = ""
     exact: tuple[str, ...] = ()
-    both: tuple[Array, Array] | None = field(default=None, compare=False, repr=False)
+    both: tuple[Mapping[str, Array], Mapping[str, Array]] | None = field(default=None, compare=False, repr=False)
     linear: str | None = None
     remedy: str = "--beyond-limits gives a verdict"
     sampled: str = "the linear model"
@@ -268,11 +289,12 @@ class Grounds(Record):
     def of_linear(self, result: SpecificationResult) -> Grounds:
         """Return the grounds of a result of a simpler model, not judged if the better one may give another verdict."""
         assert self.both is not None
-        linear, exact = (values[QUANTITIES.index(result.quantity)] for values in self.both)
+        linear, exact = (values[result.quantity] for values in self.both)
         is_inside, gap = linear <= result.limit, float(np.abs(linear - exact).max())
         is_crossing = is_inside != (exact <= result.limit)
-        unit = "mm" if result.quantity.startswith("position") else "mrad"
-        text = f"{1e3 * gap:.3g} {unit} from {self.better}, {is_crossing.sum():,} of {is_inside.size:,} robots on the other side"
+        unit = "mrad" if result.quantity.startswith("attitude") else "mm"
+        size = f"{gap:.3g} of the limits" if is_joint(result.quantity) else f"{1e3 * gap:.3g} {unit}"
+        text = f"{size} from {self.better}, {is_crossing.sum():,} of {is_inside.size:,} robots on the other side"
         # upper bounds of the fractions of robots that leave, or enter, the limits
         leaving, entering = (
             clopper_pearson(int((is_crossing & side).sum()), is_inside.size, 0.95)[1] if gap > NO_SPREAD else 0.0
@@ -321,9 +343,9 @@ class SpecificationResult(Record):
     """Result of a specification: the fraction of samples inside its limit.
 
     Attributes:
-        quantity, limit, required: The specification.
-        probability: Fraction of samples with |quantity| ≤ limit, counted exactly; or of the robots of a better model, where
-            that decides (:class:`Grounds`).
+        quantity, limit, required: The specification; several limits at once have their text as quantity, and limit 1.
+        probability: Fraction of samples with |quantity| ≤ limit (of several: that keep all), counted exactly; or of the
+            robots of a better model, where that decides (:class:`Grounds`).
         interval: Clopper-Pearson interval of the probability.
     """
 
@@ -342,7 +364,7 @@ class SpecificationResult(Record):
 
     def __post_init__(self) -> None:
         if self.grounds.both is not None:
-            grounds, better = self.grounds.of_linear(self), self.grounds.both[1][QUANTITIES.index(self.quantity)]
+            grounds, better = self.grounds.of_linear(self), self.grounds.both[1][self.quantity]
             if self.grounds.decides and grounds.not_judged and not self.grounds.not_judged:
                 inside = int((better <= self.limit).sum())
                 object.__setattr__(self, "probability", inside / better.size)

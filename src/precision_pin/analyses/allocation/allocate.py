@@ -46,6 +46,7 @@ from precision_pin.robot.chain import pose_findings
 from precision_pin.sampling.run import check_common
 from precision_pin.sampling.verdict_grounds import exact_findings, grounds_at
 from precision_pin.statistics import COMPONENTS, NO_GROUNDS, QUANTITIES, Grounds, Specification
+from precision_pin.statistics.limits import LIMITED
 from precision_pin.statistics.summary import Verdict, judge
 
 Basis = Literal["proof", "samples", "normal law"]
@@ -493,14 +494,20 @@ class _Search:
         covariances = np.concatenate([squares, parts.by_pair[of[:, 0] != of[:, 1]]])
         limits, remaining = [], iter(aims)
         for item in self.task.limits:
-            rows = list(item.components)
+            limited = LIMITED[item.quantity] if isinstance(item, Specification) else item.of
+            rows = limited.rows
             kind, probability = (item.kind, 0.0) if isinstance(item, Bound) else ("quantile", next(remaining))
-            grid = np.ix_(rows, rows)
             if kind == "worst_case":
                 fixed, rates, products = parts.reach[rows][:, None], reaches[:, rows][:, :, None], pairs[:0]
+                mean = parts.mean[rows]
             else:
-                fixed, rates, products = (parts.covariance[grid], np.stack([part[grid] for part in covariances]), pairs)
-            limits.append(Limit(kind, item.limit, probability, tuple(rows), parts.mean[rows], fixed, rates, products))
+                axes = self.judge.axes(limited)
+                mean, products = np.einsum("kip,ip->kp", axes, parts.mean), pairs
+                fixed, *rates_ = (
+                    np.einsum("kip,ijp,ljp->klp", axes, c, axes) for c in (parts.covariance, *covariances)
+                )
+                rates = np.stack(rates_)
+            limits.append(Limit(kind, item.limit, probability, tuple(rows), mean, fixed, rates, products))
         return Programme(costs, low, high, limits)
 
     def rounds(self, advance: Callable[[int], None]) -> list[_Attempt]:
@@ -664,6 +671,9 @@ def _parts(model: ErrorModel, task: Problem, attempt: _Attempt, place: int, limi
     if worst_case:
         rows = (rows[row],)
     name = _quantity(bound) if not worst_case else QUANTITIES[COMPONENTS[rows[0]]]
+    if LIMITED[name].in_tool:
+        # the parts are those of the whole vector
+        name = f"{name.partition('.')[0]}.norm"
     sheet = np.array([tolerance.before for tolerance in task.tolerances])
     # of the model as it is, with the chosen tolerances, and with all of them halved
     models = [model, *(changed_model(model, task.tolerances, values) for values in (attempt.widths, sheet / 2))]

@@ -25,6 +25,7 @@ from precision_pin.sampling.many_poses import sample_poses
 from precision_pin.sampling.poses_result import PosesResult
 from precision_pin.statistics import Specification
 from precision_pin.statistics.intervals import share_to_show, upper_ends
+from precision_pin.statistics.limits import LIMITED, Limited
 
 SAMPLES: Final = 50_000
 """Fresh samples of a verification."""
@@ -80,6 +81,7 @@ class Judge:
 
     def __init__(self, model: ErrorModel, task: Problem, seed: int, for_samples: int) -> None:
         self.model, self.task = model, task
+        self._tool_axes = [model.at(pose).posture.tool_axes for pose in task.poses]
         self.chances = tuple(limit for limit in task.limits if isinstance(limit, Specification))
         self.required = np.array([spec.required for spec in self.chances])
         self.many = int(np.clip(_ROBOTS // len(task.poses), SAMPLES, 4 * SAMPLES))
@@ -92,6 +94,10 @@ class Judge:
         self.aimed = np.array(
             [target if target and target < ceiling else p for target, p in zip(targets, self.required, strict=True)]
         )
+
+    def axes(self, of: Limited) -> Array:
+        """Return the axes of the limited components at each pose, ``(k, 6, P)``."""
+        return np.stack([of.along(axes) for axes in self._tool_axes], axis=-1)
 
     def look(self, tolerances: Array, samples: int = SAMPLES) -> SampledVerdict:
         """Return the verdict of fresh samples on tolerances ``(n,)``."""
@@ -245,11 +251,15 @@ class _Screen:
             if numbers is None or not shared:
                 numbers = in_deviations(self._judge.model.space, self._seed, samples, pose)
             for k, spec in enumerate(chances):
-                rows = list(spec.components)
-                fixed = self._parts.mean[rows, pose][:, None] + self._parts.unchosen.times(numbers, pose, rows)
-                slopes = np.zeros((len(t), len(rows), samples))
+                limited = LIMITED[spec.quantity]
+                rows, axes = limited.rows, self._judge.axes(limited)[:, :, pose]
+                along = axes[:, rows]
+                fixed = along @ (
+                    self._parts.mean[rows, pose][:, None] + self._parts.unchosen.times(numbers, pose, rows)
+                )
+                slopes = np.zeros((len(t), len(along), samples))
                 for of, part in zip(self._members, self._parts.effects, strict=True):
-                    slopes[of] += part.times(numbers, pose, rows)
+                    slopes[of] += along @ part.times(numbers, pose, rows)
                 batch = max(_NUMBERS // fixed.size, 1)
                 for start in range(0, t.shape[1], batch):
                     columns = slice(start, start + batch)

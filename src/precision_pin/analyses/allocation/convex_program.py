@@ -57,8 +57,8 @@ class Limit(Fixed):
     Attributes:
         kind: ``"quantile"``, ``"rms"`` or ``"worst_case"``.
         limit, probability: Largest value, m or rad; probability of a quantile.
-        rows: Limited components of the error.
-        mean, fixed: Rows of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation,
+        rows: Components of the error that the limited ones, along base or tool axes, are made of.
+        mean, fixed: Limited components of the error at the means ``(r, P)``, and their covariance (worst case: largest deviation,
             ``(r, 1, P)``) that no tolerance changes, ``(r, r, P)``.
         parts: The same for each tolerance of 1 (SI), ``(n, r, r, P)`` (worst case ``(n, r, 1, P)``); then the
             contributions of products of two tolerances.
@@ -80,7 +80,7 @@ class Limit(Fixed):
 
         Those of one component are below a bound; of the quantile of a norm they formed one in all trials, from 92 %.
         """
-        is_convex = self.kind != "quantile" or (len(self.rows) == 1 and self.probability >= 0.5)
+        is_convex = self.kind != "quantile" or (len(self.mean) == 1 and self.probability >= 0.5)
         # lowest probability from which no two covariances that keep the quantile were found with one between them
         # that does not
         return is_convex or self.probability >= 0.92

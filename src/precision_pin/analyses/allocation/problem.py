@@ -31,7 +31,8 @@ from precision_pin.sheet.changes import source_of
 from precision_pin.sheet.drawing_tolerances import TOLERANCE_PATTERN
 from precision_pin.sheet.reader import Contents, Sheet
 from precision_pin.statistics import Specification
-from precision_pin.statistics.plan import specification
+from precision_pin.statistics.limits import LIMITED, Limited
+from precision_pin.statistics.plan import is_joint, specification
 
 # default bounds of a tolerance, as factors of its value
 _RANGE: Final = 100.0
@@ -51,9 +52,9 @@ class Bound:
     is_position: bool
 
     @property
-    def components(self) -> tuple[int, ...]:
-        """Limited components of the error, of six; together, or (worst case) each."""
-        return (0, 1, 2) if self.is_position else (3, 4, 5)
+    def of(self) -> Limited:
+        """The limited components; together, or (worst case) each."""
+        return LIMITED["position.norm" if self.is_position else "attitude.norm"]
 
 
 @dataclass(frozen=True)
@@ -347,10 +348,12 @@ def alternatives(model: ErrorModel, path: str) -> str:
 
 def _limit(entry: object, where: str) -> Specification | Bound:
     """Return a specification, or the bound that ``{rms: LIMIT}`` or ``{worst_case: LIMIT}`` states."""
-    if isinstance(entry, Specification):
-        return entry
     if isinstance(entry, str):
-        return specification(entry)
+        entry = specification(entry)
+    if isinstance(entry, Specification):
+        if is_joint(entry.quantity):
+            raise InputError(f"allocate: {where}: give each limit of '{entry.quantity}' as a specification of its own")
+        return entry
     if not isinstance(entry, Mapping) or len(entry) != 1 or next(iter(entry)) not in _BOUNDS:
         raise InputError(f"allocate: {where}: a text such as '0.5 mm @ 95 %', or rms: or worst_case: with a limit")
     kind, limit_ = next(iter(entry.items()))

@@ -45,6 +45,7 @@ from precision_pin.statistics import (
     quantile_ranks,
 )
 from precision_pin.statistics.intervals import Moments, format_interval
+from precision_pin.statistics.limits import are_inside
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 if TYPE_CHECKING:
@@ -381,10 +382,12 @@ def compare(
     with steps_to(progress, count_steps(len(model_of), len(chosen_poses), samples)) as step:
         for pose in chosen_poses:
             q = first.configuration(pose)
-            laws = [sample(error_model, q, progress=step) for error_model in model_of.values()]
+            laws = [sample(item, q, progress=step) for item in model_of.values()]
+            ats = [item.at(q) for item in model_of.values()]
+            insides = [_insides(law, at, limits) for law, at in zip(laws, ats, strict=True)]
             pairs = tuple(
-                _pair(laws[0], law, confidence, _skewness(first.at(q), other.at(q)))
-                for law, other in zip(laws[1:], list(model_of.values())[1:], strict=True)
+                _pair((laws[0], law), (insides[0], inside), confidence, _skewness(ats[0], at))
+                for law, at, inside in zip(laws[1:], ats[1:], insides[1:], strict=True)
             )
             comparisons.append(
                 PoseComparison(
@@ -443,9 +446,14 @@ def _name_models(models: Mapping[str, ErrorModel] | Sequence[ErrorModel]) -> dic
     return model_of
 
 
-def _pair(first: MonteCarloResult, other: MonteCarloResult, confidence: float, skewness: Array | None) -> Paired:
+def _pair(
+    laws: tuple[MonteCarloResult, MonteCarloResult],
+    insides: tuple[list[NDArray[np.bool_]], list[NDArray[np.bool_]]],
+    confidence: float,
+    skewness: Array | None,
+) -> Paired:
     """Return the differences of two samples of the same robots; ``skewness`` is None if the models do not differ."""
-    values = [_quantities(law) for law in (first, other)]
+    values = [_quantities(law) for law in laws]
     means, quantiles = {}, {}
     for row, quantity in enumerate(QUANTITIES):
         base, changed = values[0][row], values[1][row]
@@ -455,12 +463,13 @@ def _pair(first: MonteCarloResult, other: MonteCarloResult, confidence: float, s
         skew = math.nan if skewness is None else float(skewness[row])
         means[quantity] = mean_difference(base, changed, confidence, skew)
         quantiles[quantity] = {level: quantile_difference(base, changed, level, confidence) for level in LEVELS}
-    shares = []
-    for result in first.summary.specifications:
-        row = QUANTITIES.index(result.quantity)
-        is_inside = [np.abs(of_model[row]) <= result.limit for of_model in values]
-        shares.append(share_difference(is_inside[0], is_inside[1], confidence))
-    return Paired(means, quantiles, tuple(shares))
+    return Paired(means, quantiles, tuple(share_difference(*pair, confidence) for pair in zip(*insides, strict=True)))
+
+
+def _insides(law: MonteCarloResult, at: PoseModel, listed: Sequence[Specification]) -> list[NDArray[np.bool_]]:
+    """Return which robots keep each specification, ``(N,)`` each."""
+    assert law.errors is not None
+    return [are_inside(specification.conditions(at.posture.tool_axes), law.errors) for specification in listed]
 
 
 def _skewness(first: PoseModel, other: PoseModel) -> Array | None:

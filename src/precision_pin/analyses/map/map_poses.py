@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from scipy import special
 
 from precision_pin.analyses.first_order import (
     FirstOrder,
+    Vectors,
     first_order,
     norm_probabilities,
     norm_quantiles,
@@ -42,6 +44,7 @@ from precision_pin.sampling.run import check_common
 from precision_pin.sampling.verdict_grounds import exact_findings, grounds_at, strained_findings
 from precision_pin.sampling.workers import Submitter
 from precision_pin.statistics import NO_GROUNDS, Grounds, Specification, Verdict
+from precision_pin.statistics.limits import LIMITED, Limited
 from precision_pin.statistics.plan import Specifications, listed_specifications
 
 if TYPE_CHECKING:
@@ -438,7 +441,7 @@ def _rms(mean: Array, covariance: Array) -> Array:
 VERIFIED: Final = 5
 """Default number of poses verified with fresh samples, the worst ones in closed form."""
 VERIFYING_SAMPLES: Final = 20_000  # new robots at each verified pose
-_NORMS: Final = ((0, 1, 2), (3, 4, 5))
+_NORMS: Final = LIMITED["position.norm"], LIMITED["attitude.norm"]
 _DOUBTED: Final = 0.1  # relative change of the closed form that causes a warning
 # poses whose quantiles and bounds are computed between two progress steps
 _AT_ONCE: Final = 2048
@@ -511,7 +514,7 @@ def map_poses(
     limits = listed_specifications(specifications)
     pose_list = pose_set(model, poses)
     lines = source_lines(model)
-    vectors = list(dict.fromkeys((*_NORMS, *(limit.components for limit in limits))))
+    vectors = list(dict.fromkeys((*_NORMS, *(LIMITED[name] for limit in limits for name, _ in limit.parts))))
     _check_size(pose_list, len(lines), len(vectors), is_relative=relative_to is not None)
     if not pose_list.known.any():
         raise InputError(f"none of the {len(pose_list):,} poses has joint values: {pose_list.counts}")
@@ -604,7 +607,7 @@ def count_steps(poses: int, samples: int | None, verify: int, *, judged: bool = 
 def _closed_form(
     poses: PoseSet,
     closed: FirstOrder,
-    vectors: Sequence[tuple[int, ...]],
+    vectors: Sequence[Limited],
     specifications: Sequence[Specification],
     reference: PoseModel | None,
     step: Progress,
@@ -618,9 +621,9 @@ def _closed_form(
         return full
 
     count = closed.mean.shape[1]
-    levels, vector_ranks = len(LEVELS), [vectors.index(specification.components) for specification in specifications]
+    levels = len(LEVELS)
     quantiles, bounds = np.empty((levels, 2, count)), np.empty((levels, 2, 2, count))
-    probabilities, limits = np.empty((len(vector_ranks), count)), np.empty((len(vector_ranks), 2, count))
+    probabilities, limits = np.empty((len(specifications), count)), np.empty((len(specifications), 2, count))
     relative_quantiles = np.empty((levels, 2, closed.relative_mean.shape[1]))
     for first in range(0, count, _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
@@ -630,9 +633,9 @@ def _closed_form(
         for rank, norm in np.ndindex(levels, 2):
             known_quantile = quantiles[rank, norm, part]
             bounds[rank, norm, :, part] = bounded[norm].quantile_bounds(LEVELS[rank], known_quantile)
-        probabilities[:, part] = _probabilities(mean, covariance, laws, specifications)
-        for rank, (specification, vector) in enumerate(zip(specifications, vector_ranks, strict=True)):
-            limits[rank, :, part] = bounded[vector].share_bounds(specification.limit)
+        of_quantities = dict(zip(vectors, bounded, strict=True))
+        for rank, specification in enumerate(specifications):
+            probabilities[rank, part], limits[rank, :, part] = _inside(of_quantities, specification)
         if reference is not None:
             of_relative = closed.relative_mean[:, part], closed.relative_covariance[:, :, part]
             relative_quantiles[:, :, part] = _quantiles(_laws(*of_relative))
@@ -674,17 +677,37 @@ def _quantiles(laws: _Laws) -> Array:
     return np.stack([np.stack([norm_quantiles(*law, level) for law in laws]) for level in LEVELS])
 
 
-def _probabilities(mean: Array, covariance: Array, laws: _Laws, specifications: Sequence[Specification]) -> Array:
-    poses = mean.shape[1]
-    shares = np.zeros((len(specifications), poses))
-    for share, specification in zip(shares, specifications, strict=True):
-        if specification.components in _NORMS:
-            law = laws[_NORMS.index(specification.components)]
-            share[:] = norm_probabilities(*law, np.full(poses, specification.limit))
+# rotation beyond which the chord of a tilt is not compared with its first-order length, rad
+_FARTHEST_TURN: Final = 0.25
+
+
+def _inside(laws: Mapping[Limited, Vectors], specification: Specification) -> tuple[Array, Array]:
+    """Return the probability of normal errors inside, ``(P,)``, and its bounds for any laws, ``(2, P)``.
+
+    Of several limits the probability and its lower bound are those of Bonferroni, the upper bound is that of the least
+    kept limit.
+    """
+    missed, bounds = [], []
+    for name, limit in specification.parts:
+        of = LIMITED[name]
+        law, length = laws[of], of.length(limit)
+        if len(of.axes) == 1:
+            inside = _normal_fraction(law.mean[0], np.sqrt(np.maximum(law.covariance[0, 0], 0.0)), length)
         else:
-            (row,) = specification.components
-            share[:] = _normal_fraction(mean[row], np.sqrt(np.maximum(covariance[row, row], 0.0)), specification.limit)
-    return shares
+            inside = norm_probabilities(*law.axes, np.full(law.mean.shape[1], length))
+        low, high = law.share_bounds(length)
+        if of.is_tilt:
+            # the chord is shorter than the first-order length, by no more than at the farthest turn
+            half = _FARTHEST_TURN / 2
+            high = law.share_bounds(length * half / math.sin(half))[1]
+            high = np.minimum(high + 1 - laws[_NORMS[1]].share_bounds(_FARTHEST_TURN)[0], 1.0)
+        missed.append(1 - inside)
+        bounds.append((low, high))
+    if len(bounds) == 1:
+        return inside, np.stack(bounds[0])
+    lows, highs = np.array(bounds).swapaxes(0, 1)
+    at_least = np.maximum(1 - (1 - lows).sum(axis=0), 0.0)
+    return np.maximum(1 - np.sum(missed, axis=0), 0.0), np.stack([at_least, highs.min(axis=0)])
 
 
 def _normal_fraction(mean: Array, std: Array, limit: float) -> Array:

@@ -44,8 +44,8 @@ from precision_pin.sampling.verdict_grounds import (
 from precision_pin.sampling.workers import in_order
 from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult
 from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks
-from precision_pin.statistics.plan import Specifications, listed_specifications
-from precision_pin.statistics.summary import NO_GROUNDS, NO_SPREAD, Grounds
+from precision_pin.statistics.plan import Specifications, listed_specifications, sizes_of
+from precision_pin.statistics.summary import NO_GROUNDS, NO_SPREAD, Grounds, is_varying, with_norms
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -94,13 +94,14 @@ class PathResult(AnalysisResult):
         curve, curve_interval: Quantile of |d| and |δ| at each pose, ``(2, P)``, and interval, ``(2, 2, P)``, lower ends
             first.
         largest: Largest |value| along the path of the eight quantities, position.norm to attitude.z, ``(8, N)``.
+        specified: Largest |value| along the path of the quantity of each specification, ``(S, N)``.
         share_of_maximum: Fraction of the robots with their largest |d| and |δ| at a pose, ``(2, P)``.
         factor, factor_interval: Factor from the curve to the simultaneous band, ``(2,)``, and the interval of the
             quantile whose upper end it is, ``(2, 2)``, lower ends first; NaN where the curve is zero.
         band: Height of the simultaneous band of |d| and |δ| at each pose, ``(2, P)``.
         kept_band, kept_pointwise: Number of N fresh robots below the simultaneous band, and below the curve, at every
             pose.
-        varies: Whether each of the eight quantities differs from robot to robot at some pose, ``(8,)``.
+        varies: Whether the quantity of each specification differs from robot to robot at some pose, ``(S,)``.
         specifications: Limits to judge.
         grounds: Why they cannot be judged, and what is taken as exact.
     """
@@ -121,6 +122,7 @@ class PathResult(AnalysisResult):
     curve: Array
     curve_interval: Array
     largest: Array
+    specified: Array
     share_of_maximum: Array
     factor: Array
     factor_interval: Array
@@ -176,10 +178,10 @@ class PathResult(AnalysisResult):
     def specification_results(self) -> tuple[SpecificationResult, ...]:
         """The fraction of robots that keep each specification at every pose."""
         results = []
-        for spec in self.specifications:
-            count = int(np.count_nonzero(self.largest[spec.row] <= spec.limit))
+        for spec, largest, varies in zip(self.specifications, self.specified, self.varies.tolist(), strict=True):
+            count = int(np.count_nonzero(largest <= spec.limit))
             share, interval = count / self.samples, clopper_pearson(count, self.samples, self.confidence)
-            row = (spec.quantity, spec.limit, spec.required, share, interval, bool(self.varies[spec.row]), self.grounds)
+            row = (spec.quantity, spec.limit, spec.required, share, interval, varies, self.grounds)
             results.append(SpecificationResult(*row))
         return tuple(results)
 
@@ -345,7 +347,11 @@ def path_law(
     count, size, workers = len(pose_list), int(samples), threads or available_cores()
     # numbers kept of each robot, of each robot in every task under way, and of each pose
     check_memory(
-        8 * (float(samples) * (8 + 2 + 4 + 4 * workers * (6 + 6 + 8 + 4)) + len(pose_list) * 40),
+        8
+        * (
+            float(samples) * (8 + len(limits) + 2 + 4 + 4 * workers * (6 + 6 + 8 + len(limits) + 4))
+            + len(pose_list) * 40
+        ),
         f"{samples:,} robots along {len(pose_list):,} poses",
         "sample fewer robots, or with fewer threads",
     )
@@ -355,17 +361,21 @@ def path_law(
         *exact_findings(error_model, pose_list.q, pose_list.approaches),
     )
     add(new_findings)
-    observe = partial(_observe, samples=size, seed=int(seed), model=model, probability=share, confidence=confidence)
+    observe = partial(
+        _observe, samples=size, seed=int(seed), model=model, probability=share, confidence=confidence, limits=limits
+    )
     norms, curve, curve_interval = list(NORMS), np.empty((2, count)), np.empty((2, 2, count))
     largest, worst_poses = np.full((8, size), -np.inf), np.zeros((2, size), dtype=np.int64)
-    new_sizes, ratios, varies = np.zeros((2, size)), np.zeros((2, size)), np.zeros(8, dtype=np.bool_)
+    new_sizes, ratios, varies = np.zeros((2, size)), np.zeros((2, size)), np.zeros(len(limits), dtype=np.bool_)
+    specified = np.zeros((len(limits), size))
     with steps_to(progress, 2 * count * size) as step:
         layouts = enumerate(_layouts(error_model, pose_list))
-        tasks = (partial(observe, layout, pose) for pose, layout in layouts)
+        tasks = (partial(observe, *layout, pose) for pose, layout in layouts)
         for pose, at_pose in enumerate(in_order(tasks, workers)):
             # among equal errors the first pose counts
             np.copyto(worst_poses, pose, where=at_pose.sizes[norms] > largest[norms])
             np.maximum(largest, at_pose.sizes, out=largest)
+            np.maximum(specified, at_pose.specified, out=specified)
             np.maximum(new_sizes, at_pose.fresh, out=new_sizes)
             np.maximum(ratios, at_pose.ratios, out=ratios)
             curve[:, pose], curve_interval[:, :, pose] = at_pose.curve, at_pose.interval
@@ -382,7 +392,7 @@ def path_law(
     _, interval = quantile_of(sizes, share, confidence)
     factor = interval[1][:, None]
     models = error_model.at_columns(pose_list.q, pose_list.approaches)
-    both = by_both_models(models, model, int(seed), count)
+    both = by_both_models(models, model, int(seed), limits, count)
     return PathResult(
         provenance=Provenance.of(error_model, seed),
         joints=tuple(error_model.chain.joint_names),
@@ -394,13 +404,14 @@ def path_law(
         curve=curve,
         curve_interval=curve_interval,
         largest=largest,
+        specified=specified,
         share_of_maximum=np.stack([np.bincount(row, minlength=count) for row in worst_poses]) / size,
         factor=np.where(shaped, interval[1], np.nan),
         factor_interval=np.where(shaped, interval, np.nan),
         band=np.where(shaped[:, None], curve * factor, factor),
         kept_band=(sizes <= factor).sum(axis=1),
         kept_pointwise=(ratios <= 1.0).sum(axis=1),
-        varies=_varying(error_model, pose_list, varies, {limit.row for limit in limits}),
+        varies=_varying(error_model, pose_list, varies, limits),
         specifications=limits,
         grounds=grounds_at(error_model, pose_list.q, pose_list.labels, pose_list.times, both if limits else ()),
         findings=findings,
@@ -428,23 +439,32 @@ def _check_poses(error_model: ErrorModel, poses: PoseSet) -> PoseSet:
     return poses
 
 
-def _varying(error_model: ErrorModel, poses: PoseSet, moving: NDArray[np.bool_], rows: set[int]) -> NDArray[np.bool_]:
-    """Return which quantities ``(8,)`` vary; of limited ones also those with a rare value that no robot has."""
+def _varying(
+    error_model: ErrorModel, poses: PoseSet, moving: NDArray[np.bool_], limits: Sequence[Specification]
+) -> NDArray[np.bool_]:
+    """Return which specified quantities vary, ``(S,)``, also by a rare value that no robot has."""
     varies = moving.copy()
-    for model in error_model.at_columns(poses.q, poses.approaches):
-        if all(varies[row] for row in rows):
+    for at in error_model.at_columns(poses.q, poses.approaches):
+        if varies.all():
             break
-        moves = np.diag(model.covariance) > NO_SPREAD**2
-        varies[list(COMPONENTS)] |= moves
-        varies[list(NORMS)] |= moves.reshape(2, 3).any(axis=1)
+        varies |= _moved(limits, np.diag(at.covariance) > NO_SPREAD**2, at.posture.tool_axes, at.covariance)
     return varies
 
 
-def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[SamplerArrays]:
-    """Yield the model's arrays at each pose; some poses are prepared at a time."""
+def _moved(
+    listed: Sequence[Specification], components: NDArray[np.bool_], tool_axes: Array, covariance: Array | None
+) -> NDArray[np.bool_]:
+    """Return which specified quantities vary, ``(S,)``, given which components do, ``(6,)``, and their covariance."""
+    mask = with_norms(components)
+    return np.array([is_varying(one, mask, tool_axes, (covariance,)) for one in listed], dtype=np.bool_)
+
+
+def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[tuple[SamplerArrays, Array]]:
+    """Yield the model's arrays and the tool axes at each pose; some poses are prepared at a time."""
     models = error_model.at_columns(poses.q, poses.approaches)
     while group := list(islice(models, MOST_TOGETHER)):
-        yield from sampler.to_arrays_at_poses(group)
+        axes = [at.posture.tool_axes for at in group]
+        yield from zip(sampler.to_arrays_at_poses(group), axes, strict=True)
 
 
 class _AtPose(NamedTuple):
@@ -452,12 +472,14 @@ class _AtPose(NamedTuple):
 
     Attributes:
         sizes: |value| of the eight quantities of the first N robots, ``(8, N)``.
+        specified: |value| of the quantity of each specification, ``(S, N)``.
         curve, interval: Quantile of |d| and |δ| among them, ``(2,)``, and its interval, ``(2, 2)``, lower ends first.
         fresh, ratios: Norms of the other N robots, and these over the quantile, ``(2, N)``.
-        varies: Whether each quantity differs from robot to robot, ``(8,)``.
+        varies: Whether the quantity of each specification differs from robot to robot, ``(S,)``.
     """
 
     sizes: Array
+    specified: Array
     curve: Array
     interval: Array
     fresh: Array
@@ -467,8 +489,10 @@ class _AtPose(NamedTuple):
 
 def _observe(
     layout: SamplerArrays,
+    tool_axes: Array,
     pose: int,
     *,
+    limits: Sequence[Specification],
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
@@ -484,12 +508,13 @@ def _observe(
     if not np.isfinite(norms).all():
         raise InputError(f"pose {pose + 1}: the errors are too large to compute with; the tolerances are far too large")
     first_errors = errors[:, :samples]
-    sizes, varies = np.empty((8, samples)), np.zeros(8, dtype=np.bool_)
+    sizes = np.empty((8, samples))
     sizes[list(COMPONENTS)], sizes[list(NORMS)] = np.abs(first_errors), norms[:, :samples]
+    specified = np.array([sizes_of(limit.quantity, first_errors, tool_axes) for limit in limits]).reshape(-1, samples)
+    covariance = np.cov(first_errors) if samples > 1 else None
     moves = first_errors.max(axis=1) - first_errors.min(axis=1) > NO_SPREAD
-    varies[list(COMPONENTS)] = moves
-    # a norm varies with its components: errors on a circle have a constant norm
-    varies[list(NORMS)] = moves.reshape(2, 3).any(axis=1)
+    varies = _moved(limits, moves, tool_axes, covariance)
     curve, interval = quantile_of(sizes[list(NORMS)], probability, confidence)
     new_sizes = norms[:, samples:]
-    return _AtPose(sizes, curve, interval, new_sizes, new_sizes / np.maximum(curve, _ROUNDING)[:, None], varies)
+    new_ratios = new_sizes / np.maximum(curve, _ROUNDING)[:, None]
+    return _AtPose(sizes, specified, curve, interval, new_sizes, new_ratios, varies)

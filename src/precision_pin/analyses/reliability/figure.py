@@ -18,7 +18,7 @@ from precision_pin.render import figure_style
 from precision_pin.render.columns import report_table
 from precision_pin.render.draw_distribution import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
 from precision_pin.render.html import Child, Html, items, paragraph, table
-from precision_pin.render.tables import absolute, percent, unit
+from precision_pin.render.tables import bounded, percent
 from precision_pin.sampling.table import demanded
 
 LISTED: Final = 6
@@ -89,8 +89,7 @@ def _draw_methods(axes: Axes, entry: SpecificationReliability) -> None:
     axes.set_ylim(max(len(names), 3) - 0.4, -0.6)
     axes.set_xlabel("probability of failure (line: allowed)")
     spec = entry.specification
-    within = f"{1e3 * spec.limit:.6g} {unit(spec.quantity)}"
-    axes.set_title(f"{absolute(spec.quantity)} within {within}: {entry.verdict}", fontsize=7.5)
+    axes.set_title(f"{bounded(spec.quantity, spec.limit, ' within ')}: {entry.verdict}", fontsize=7.5)
 
 
 def _draw_importance(axes: Axes, entry: SpecificationReliability, importance: Sequence[tuple[str, float]]) -> None:

@@ -25,7 +25,7 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.columns import Column
-from precision_pin.render.tables import absolute, resting_on, unit
+from precision_pin.render.tables import absolute, bounded, resting_on
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.table import demanded
 from precision_pin.statistics import (
@@ -35,9 +35,8 @@ from precision_pin.statistics import (
     SpecificationResult,
     Verdict,
     judge,
-    quantity_values,
 )
-from precision_pin.statistics.plan import Specifications, listed_specifications
+from precision_pin.statistics.plan import Specifications, listed_specifications, sizes_of
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -155,7 +154,7 @@ class SpecificationReliability(RareEvents, Record):
     def demand(self, quantity: str) -> str:
         """Return the specification as text, with the given name of its quantity."""
         of = self.specification
-        return f"{quantity} {1e3 * of.limit:.10g} {unit(of.quantity)} @ {100 * of.required:.10g} %"
+        return f"{bounded(of.quantity, of.limit, ' ', 10, quantity)} @ {100 * of.required:.10g} %"
 
     @property
     def name(self) -> str:
@@ -299,8 +298,12 @@ class ReliabilityResult(Result):
 LISTED: Final = 3
 """Number of design points listed in full."""
 
-# directions to the 26 faces, edges and corners of a cube
-_NORM_STARTS: Final = np.array([n for n in np.ndindex(3, 3, 3) if n != (1, 1, 1)], dtype=float).T - 1.0
+# directions to the faces, edges and corners of a cube, or to the sides and corners of a square; along one axis four to
+# either side, which the offset separates
+_STARTS: Final = {
+    1: np.tile([[1.0, -1.0]], 4),
+    **{k: np.array([n for n in np.ndindex((3,) * k) if n != (1,) * k], dtype=float).T - 1.0 for k in (2, 3)},
+}
 
 
 @warns_at_end
@@ -320,8 +323,7 @@ def reliability(
 
     Args:
         model: Chain, draws and sources.
-        specifications: Limits of position, attitude or a component, one or a list, each from
-            :func:`precision_pin.specification` or its text.
+        specifications: Limits to judge, one or a list, each from :func:`precision_pin.specification` or its text.
         poses: A pose (name, joint values, or None for the first) or a list of poses.
         seed, samples, confidence: Seed and confidence of all methods; number of plain samples.
         findings: Warnings to include in the result, such as those of the sheet.
@@ -366,31 +368,29 @@ def reliability(
     )
 
 
-def _margin(layout: SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
+def _margin(layout: SamplerArrays, specification: Specification, tool_axes: Array) -> Callable[[Array], Array]:
     """Return the margin to the limit, relative to the limit, as a function of component values."""
 
     def margin(x: Array) -> Array:
         errors = sampler.errors_at(layout, "exact", x)
-        return 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
+        return 1 - sizes_of(specification.quantity, errors, tool_axes) / specification.limit
 
     return margin
 
 
-def _sides(layout: SamplerArrays, specification: Specification) -> Callable[[Array], Array]:
+def _sides(layout: SamplerArrays, specification: Specification, tool_axes: Array) -> Callable[[Array], Array]:
     """Return the margins ``(sides, N)`` to failures on either side of each axis, defined as in :func:`_margin`.
 
     A failure is to the side of its largest part. Elsewhere the margin is that of the part along the axis, so that it
     falls all the way to such a failure, also past the middle.
     """
-    rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
-    part = specification.quantity.rpartition(".")[2]
-    axes = np.eye(3) if part == "norm" else np.eye(3)[["xyz".index(part)]]
-    normals = np.concatenate([axes, -axes]) / specification.limit
+    axes = np.concatenate([of.axes / of.limit for of in specification.conditions(tool_axes)])
+    normals = np.concatenate([axes, -axes])
 
     def margins(x: Array) -> Array:
         errors = sampler.errors_at(layout, "exact", x)
-        margin = 1 - np.abs(quantity_values(errors)[specification.row]) / specification.limit
-        along = normals @ errors[rows]
+        margin = 1 - sizes_of(specification.quantity, errors, tool_axes) / specification.limit
+        along = normals @ errors
         detour = np.maximum(1 - along, along.max(axis=0) - along)
         return np.where(along.argmax(axis=0) == np.arange(len(normals))[:, None], margin, detour)
 
@@ -399,14 +399,13 @@ def _sides(layout: SamplerArrays, specification: Specification) -> Callable[[Arr
 
 def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     """Return the starting points of the search, two standard deviations along the tangent's steepest directions."""
-    rows = slice(0, 3) if specification.quantity.startswith("position") else slice(3, 6)
-    part = specification.quantity.rpartition(".")[2]
-    directions = (
-        # four starts to either side, which the offset separates
-        _NORM_STARTS if part == "norm" else np.tile(np.eye(3)[:, ["xyz".index(part)]] * [[1.0, -1.0]], 4)
-    )
     spread = np.sqrt(at.space.block_covariance.variances)
-    slopes = (at.jacobian[rows] * spread).T @ directions
+    slopes = np.hstack(
+        [
+            (at.jacobian * spread).T @ of.axes.T @ _STARTS[len(of.axes)]
+            for of in specification.conditions(at.posture.tool_axes)
+        ]
+    )
     lengths = np.linalg.norm(slopes, axis=0)
     # a small random offset, because a gradient may vanish by symmetry
     offset = 0.3 * np.random.Generator(np.random.Philox(0)).standard_normal(slopes.shape)
@@ -425,9 +424,10 @@ def _judge_specification(
 ) -> SpecificationReliability:
     successes = round(result.probability * samples)
     plain = plain_estimate(samples - successes, samples, confidence)
+    axes = at.posture.tool_axes
     events = rare_events(
-        at.space, _margin(layout, specification), _starts(at, specification), plain, seed, confidence,
-        _sides(layout, specification),
+        at.space, _margin(layout, specification, axes), _starts(at, specification), plain, seed, confidence,
+        _sides(layout, specification, axes),
     )  # fmt: skip
     failures = (_describe_failure(at, layout, point, events.strata.parts) for point in events.form.points[:LISTED])
     return SpecificationReliability(

@@ -14,13 +14,14 @@ from precision_pin.base.arrays import Array
 from precision_pin.pages.report.datum import datum_effect
 from precision_pin.pages.report.distributions import describe_verdict, specifications, verdict
 from precision_pin.pages.view.drawing import Cloud, draw_picture
-from precision_pin.pages.view.headline import quantile, values_of
+from precision_pin.pages.view.headline import quantile
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.figure_style import inline_figure
 from precision_pin.render.html import Child, Html, element, items, joined, paragraph, section, table
 from precision_pin.render.tables import MISSING, absolute, milli, share_in_words, symbol, unit
 from precision_pin.statistics import Distribution, SpecificationResult, clopper_pearson, format_share
 from precision_pin.statistics.intervals import format_inside
+from precision_pin.statistics.plan import is_joint, sizes_of
 
 _LEVEL: Final = 0.95
 _MOST_ROBOTS: Final = 100_000
@@ -42,14 +43,19 @@ def changes(results: Results) -> Html:
     judged = sorted(results.analysis.summary.specifications, key=lambda result: result.met)
     specification = judged[0] if judged else None
     quantity = specification.quantity if specification is not None else results.analysis.position.norm.quantity
-    vector = quantity.partition(".")[0]
+    vector = "attitude" if quantity.startswith("attitude") else "position"
     causes = [cause for cause in results.rank_causes(vector) if cause.share is not None and cause.share >= 0.01][:5]
     constant = vector == "position" and constant_part(results) > 0
     if not causes and not constant:
         return joined([])
     header = ["change", "share of the variance %", f"{100 * _LEVEL:g} % within [{unit(quantity)}]"]
-    header += [] if specification is None else [f"inside {milli(specification.limit, 6)} {unit(quantity)}"]
-    rows = [[*row, *_outcome(errors, quantity, specification)] for row, errors in _changed(results, causes, constant)]
+    limit = f"{milli(specification.limit, 6)} {unit(quantity)}" if specification is not None else ""
+    header += [] if specification is None else [f"inside {'all limits' if is_joint(quantity) else limit}"]
+    tool_axes = results.at.posture.tool_axes
+    rows = [
+        [*row, *_outcome(errors, quantity, specification, tool_axes)]
+        for row, errors in _changed(results, causes, constant)
+    ]
     count = min(results.analysis.samples, _MOST_ROBOTS)
     note = (
         f"The same {count:,} robots with the change, {results.analysis.model} model. Halved: each deviation from the mean is "
@@ -73,8 +79,8 @@ def _changed(results: Results, causes: list[CauseShare], constant: bool) -> Iter
         yield ["all of these", ""], errors(entry.cause for entry in causes) - constant * mean
 
 
-def _outcome(errors: Array, quantity: str, specification: SpecificationResult | None) -> list[Child]:
-    values = np.abs(values_of(quantity, errors))
+def _outcome(errors: Array, quantity: str, specification: SpecificationResult | None, tool_axes: Array) -> list[Child]:
+    values = sizes_of(quantity, errors, tool_axes)
     estimate = quantile(values, _LEVEL)
     size = MISSING if estimate is None else _inside(estimate)
     if specification is None:

@@ -12,7 +12,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.written_units import WrittenUnit
 from precision_pin.pages.view.scales import middle_of
 from precision_pin.render.html import escaped
-from precision_pin.render.tables import absolute, unit
+from precision_pin.render.tables import bounded
 from precision_pin.sampling.table import NOTHING_VARIES
 from precision_pin.statistics import (
     NO_GROUNDS,
@@ -24,7 +24,8 @@ from precision_pin.statistics import (
     quantile_ranks,
 )
 from precision_pin.statistics.intervals import format_inside, format_interval, format_share
-from precision_pin.statistics.summary import NO_SPREAD
+from precision_pin.statistics.limits import are_inside
+from precision_pin.statistics.summary import NO_SPREAD, is_varying, with_norms
 
 CONFIDENCE: Final = 0.95
 """Confidence of every interval on the page."""
@@ -45,17 +46,26 @@ class Answer:
 
 
 def answers(
-    errors: Array, specifications: Sequence[Specification], spread: Array, grounds: Grounds = NO_GROUNDS
+    errors: Array,
+    specifications: Sequence[Specification],
+    covariance: Array,
+    grounds: Grounds = NO_GROUNDS,
+    tool_axes: Array | None = None,
 ) -> tuple[Answer, ...]:
     """Return the verdict on each limit, the size of position errors, and a constant part that outweighs their spread.
 
-    ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``spread`` ``(6,)`` are first-order standard deviations.
+    ``errors`` are ``[d; δ]`` ``(6, N)``, m and rad; ``covariance`` ``(6, 6)`` is their first-order covariance, and
+    ``tool_axes`` ``(3, 3)`` are columns in the base (default: base axes).
     """
-    varies = (np.ptp(errors, axis=1) > NO_SPREAD) | (spread > NO_SPREAD)
-    results = [
-        *(_judge(specification, errors, varies, grounds) for specification in specifications),
-        _describe_size(errors),
-    ]
+    moved = with_norms((np.ptp(errors, axis=1) > NO_SPREAD) | (np.diag(covariance) > NO_SPREAD**2))
+    covariances = covariance, np.cov(errors) if errors.shape[1] > 1 else None
+    axes = np.eye(3) if tool_axes is None else tool_axes
+    varies = [is_varying(specification, moved, axes, covariances) for specification in specifications]
+    verdicts = (
+        _judge(specification, errors, axes, is_varied, grounds)
+        for specification, is_varied in zip(specifications, varies, strict=True)
+    )
+    results = [*verdicts, _describe_size(errors)]
     middle = middle_of(errors[:3])
     estimate = quantile(np.linalg.norm(errors[:3] - middle[:, None], axis=0), _HEADLINE_LEVEL)
     if estimate is not None and middle.any():
@@ -64,13 +74,6 @@ def answers(
         text = f"Mean error {mean_size(errors[:3])} mm, the same for every robot"
         results.append(Answer(text, f"95 % of robots within {within} mm of it"))
     return tuple(results)
-
-
-def values_of(quantity: str, errors: Array) -> Array:
-    """Return the values ``(N,)`` of one of the eight quantities."""
-    vector, _, part = quantity.partition(".")
-    three = errors[:3] if vector == "position" else errors[3:]
-    return np.linalg.norm(three, axis=0) if part == "norm" else three["xyz".index(part)]
 
 
 def quantile(values: Array, level: float) -> tuple[float, tuple[float, float]] | None:
@@ -84,8 +87,7 @@ def quantile(values: Array, level: float) -> tuple[float, tuple[float, float]] |
 
 def limit_text(specification: Specification) -> str:
     """Return a limit as written by the page: ``|d| ≤ 0.5 mm for 99.73 %``."""
-    limit = f"{1e3 * specification.limit:.6g} {unit(specification.quantity)}"
-    return f"{absolute(specification.quantity)} ≤ {limit} for {100 * specification.required:.10g} %"
+    return f"{bounded(specification.quantity, specification.limit)} for {100 * specification.required:.10g} %"
 
 
 def as_html(answers_of_page: Sequence[Answer]) -> str:
@@ -97,17 +99,16 @@ def as_html(answers_of_page: Sequence[Answer]) -> str:
     )
 
 
-def _judge(specification: Specification, errors: Array, varies: Array, grounds: Grounds) -> Answer:
-    values = np.abs(values_of(specification.quantity, errors))
-    inside = int(np.count_nonzero(values <= specification.limit))
+def _judge(specification: Specification, errors: Array, tool_axes: Array, varies: bool, grounds: Grounds) -> Answer:
+    is_inside = are_inside(specification.conditions(tool_axes), errors)
+    inside = int(np.count_nonzero(is_inside))
     result = SpecificationResult(
         quantity=specification.quantity,
         limit=specification.limit,
         required=specification.required,
-        probability=inside / values.size,
-        interval=clopper_pearson(inside, values.size, CONFIDENCE),
-        # a norm varies where one of its components does
-        varies=bool(values_of(specification.quantity, varies)),
+        probability=inside / is_inside.size,
+        interval=clopper_pearson(inside, is_inside.size, CONFIDENCE),
+        varies=varies,
         grounds=grounds,
     )
     text = f"{result.verdict.capitalize()}{result.grounds.taken if result.met else ''}: {limit_text(specification)}"

@@ -9,7 +9,7 @@ import json
 import os
 import string
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
 
@@ -38,13 +38,15 @@ from precision_pin.render.scene import Layer, Scene, viewer_script
 from precision_pin.robot import mcpc
 from precision_pin.robot.chain import Posture
 from precision_pin.statistics import Specification
-from precision_pin.statistics.plan import QUANTITIES
+from precision_pin.statistics.limits import LIMITED
 
 _SCRIPTS_BEFORE: Final = ("stage", "cloud")
 _SCRIPTS_AFTER: Final = ("frames", "arms", "tolerances", "headline", "camera", "pointer", "controls")
 """Own scripts before and after those of the layers."""
 _GRID_HALF: Final = 8
 _PICTURE: Final = (600, 500)
+_DRAWN: Final = (0, 1, 2, 3)
+"""Rows of the quantities whose limits are drawn."""
 """Width and height of the still picture."""
 
 
@@ -152,7 +154,7 @@ def page(
     label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
     deflected = any(np.any(one.deflected) for one in data)
     how = "deflected by its mean loads" if deflected else "the same as without error"
-    is_limit_drawn = any(one.quantity.startswith("position") for one in specifications)
+    is_limit_drawn = any(one.row in _DRAWN for one in specifications)
     ghosts_line, limit_line = _optional_layers(data, specifications, is_limit_drawn)
     viewer, script = _scripts(layers)
     return string.Template(asset("page.html")).substitute(
@@ -231,8 +233,9 @@ def _settings_of_answers(data: Sequence[PoseData], common: PageData) -> dict[str
         "confidence": CONFIDENCE,
         "limits": [
             {
-                "row": QUANTITIES.index(one.quantity),
+                "row": -1 if one.row is None else one.row,
                 "limit": one.limit,
+                "parts": [{**asdict(LIMITED[quantity]), "limit": limit} for quantity, limit in one.parts],
                 "required": one.required,
                 "text": limit_text(one),
             }
@@ -249,7 +252,7 @@ def _optional_layers(data: Sequence[PoseData], specifications: Sequence[Specific
     has_ghosts = all(one.ghosts for one in data)
     built = f"arms of {len(data[0].ghosts)} sampled robots, as built"
     none = "arms as built: none, the errors are not those of this seed"
-    limits = "; ".join(limit_text(one) for one in specifications if one.quantity.startswith("position"))
+    limits = "; ".join(limit_text(one) for one in specifications if one.row in _DRAWN)
     return [
         f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i>'
         f"<span>{escaped(text)}</span></label></li>"
@@ -258,7 +261,7 @@ def _optional_layers(data: Sequence[PoseData], specifications: Sequence[Specific
             (
                 "limit",
                 "ball limit",
-                f"limit: {limits or 'none on the position; --spec states one'}",
+                f"limit: {limits or 'none on the position in base axes; --spec states one'}",
                 " checked" if is_drawn else " disabled",
             ),
         )

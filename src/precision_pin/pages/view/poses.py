@@ -168,14 +168,18 @@ def sample_views(
     samples: int,
     seed: int,
     model: Literal["exact", "linear"],
+    specifications: Sequence[Specification] = (),
     progress: Progress = lambda _: None,
 ) -> tuple[list[ViewPose], list[tuple[Finding, ...]]]:
-    """Return the errors of the same robots at every pose, given with its name, and the findings at each."""
+    """Return the errors of the same robots at every pose, given with its name, and the findings at each.
+
+    The verdicts on ``specifications`` are grounded.
+    """
     views, findings = [], []
     for number, (pose, name) in enumerate(poses):
         at = error_model.at(pose)
         findings.append((*at.findings(model), *error_model.statics_findings(at), *exact_findings_at(error_model, at)))
-        grounds = grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, seed))
+        grounds = grounds_at(error_model, at.posture.q[:, None], both=by_both_models([at], model, seed, specifications))
         errors = sample_errors(at, samples, seed=seed, model=model, pose=number, progress=progress)
         views.append(ViewPose(at, errors, name or None, number, error_model.draw_words, grounds))
     return views, findings
@@ -340,13 +344,13 @@ def limits_kept(view_poses: Sequence[ViewPose], specifications: Sequence[Specifi
 
 
 def _answers(view_pose: ViewPose, specifications: Sequence[Specification]) -> tuple[Answer, ...]:
-    spread = np.sqrt(np.maximum(np.diag(view_pose.pose_model.covariance), 0.0))
-    return answers(view_pose.errors, specifications, spread, view_pose.grounds)
+    at = view_pose.pose_model
+    return answers(view_pose.errors, specifications, at.covariance, view_pose.grounds, at.posture.tool_axes)
 
 
 def limits_attitude(specifications: Sequence[Specification]) -> bool:
-    """Return whether any specification limits the attitude."""
-    return any(limit.quantity.startswith("attitude") for limit in specifications)
+    """Return whether any limit is of the attitude."""
+    return any(quantity.startswith("attitude") for limit in specifications for quantity, _ in limit.parts)
 
 
 def columns(pose: ArrayLike) -> list[float]:

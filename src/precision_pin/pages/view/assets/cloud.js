@@ -45,8 +45,25 @@ function quantityOf(row, sample, at) {
     ? Math.hypot(numbers[3 * at], numbers[3 * at + 1], numbers[3 * at + 2]) : numbers[3 * at + (row % 4) - 1];
 }
 
-const isOutside = (sample, at) =>
-  settings.limits.some(({ row, limit }) => Math.abs(quantityOf(row, sample, at)) > limit);
+// the components of a sample's error that a part of a limit is about, along base axes or the tool's
+function alongOf({ first, axes, in_tool: inTool }, sample, at) {
+  const numbers = (first === 0 ? sample.positions : sample.turns).subarray(3 * at, 3 * at + 3);
+  const { tip } = poses[current];
+  return axes.map((axis) =>
+    inTool ? numbers.reduce((sum, value, k) => sum + tip[4 * axis + k] * value, 0) : numbers[axis]);
+}
+
+// the largest of a sample's errors over their limits; the angle by which the tool's z tilts is exact
+function shareOf({ parts }, sample, at) {
+  return Math.max(...parts.map(function (part) {
+    const length = Math.hypot(...alongOf(part, sample, at));
+    const half = part.is_tilt ? quantityOf(4, sample, at) / 2 : 0;
+    const tilt = half > 0 ? 2 * Math.asin(Math.min((length * Math.sin(half)) / (2 * half), 1)) : length;
+    return (part.factor * tilt) / part.limit;
+  }));
+}
+
+const isOutside = (sample, at) => settings.limits.some((one) => shareOf(one, sample, at) > 1);
 
 function showCloud(sample) {
   const { positions } = sample;

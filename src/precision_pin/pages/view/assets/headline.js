@@ -101,15 +101,20 @@ function constantLines(sample, live) {
   return [[`Mean error ${meanSize(sample)} mm, the same for every robot`, `95 % of robots within ${within} mm of it`, ""]];
 }
 
-function limitLine({ row, limit, required, text }, sample, [why, taken]) {
+function limitLine(asked, sample, [why, taken]) {
+  const { required, text } = asked;
   if (why) {
     return [`Not judged: ${text}`, why, "not judged"];
   }
   const count = sample.positions.length / 3;
-  const values = Array.from({ length: count }, (_, at) => quantityOf(row, sample, at));
-  const inside = values.filter((value) => Math.abs(value) <= limit).length;
+  const values = Array.from({ length: count }, (_, at) => shareOf(asked, sample, at));
+  const inside = values.filter((value) => value <= 1).length;
   const [low, high] = intervalOf(inside, count);
-  const varies = Math.max(...values) - Math.min(...values) > 1e-12;
+  const varies = asked.parts.some(function (part) {
+    const along = values.map((_, at) => alongOf(part, sample, at));
+    return part.axes.some((_, k) =>
+      Math.max(...along.map((row) => row[k])) - Math.min(...along.map((row) => row[k])) > 1e-12);
+  });
   const verdict = high < required ? "not met" : !varies ? "nothing to judge" : low >= required ? "met" : "undecided";
   const demanded = String(Number((100 * required).toPrecision(10))).split(".")[1] || "";
   const place = -Math.max(1 - Math.floor(Math.log10(100 * (high - low))), demanded.length, 0);
