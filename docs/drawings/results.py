@@ -23,6 +23,11 @@ ROBOTS: Final = PAGES.parent / "src" / "precision_pin" / "robots"
 PICTURES: Final = {
     "start-position.png": ("start.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
     "allocation.png": ("allocate.md", "allocate cell.errors.yaml --pareto 5", "allocation.png"),
+    "calibration.png": (
+        "calibrate.md",
+        'calibrate --forecast --point "50 30 20 mm" --random 30',
+        "calibration-forecast.png",
+    ),
     "map.png": ("map.md", "map example:ur5 --grid table.yaml --relative-to ready", "position.png"),
     "path.png": ("path.md", 'path 4dof.errors.yaml --grid swing.yaml --spec "75 mm @ 90 %"', "path.png"),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),

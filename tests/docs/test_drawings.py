@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from docs.drawings import budgets, measured_arms, results, sources
+from docs.drawings import budgets, datums, measured_arms, results, sources
 from docs.drawings.canvas import IMAGES
 
 import precision_pin as pp
@@ -24,7 +24,7 @@ def test_a_drawing_is_in_step():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drawings", [measured_arms, budgets])
+@pytest.mark.parametrize("drawings", [measured_arms, budgets, datums])
 def test_a_drawing_of_results_is_in_step(drawings):
     if not example_urdfs():
         pytest.skip("example-robot-data is not installed")
@@ -56,7 +56,7 @@ def test_the_first_page_states_what_sheet_and_drawing_do():
 
 def test_every_drawing_is_shown_and_every_picture_has_its_page():
     shown = " ".join(path.read_text(encoding="utf-8") for path in PAGES.glob("*.md"))
-    for name in (*sources.DRAWINGS, "ur5-measured.svg", *budgets.BUDGETS, *results.PICTURES):
+    for name in (*sources.DRAWINGS, "ur5-measured.svg", *budgets.BUDGETS, *datums.PICTURES, *results.PICTURES):
         assert (IMAGES / name).exists(), name
         assert f"(images/{name})" in shown, name
     for page, command, _ in results.PICTURES.values():

@@ -104,6 +104,8 @@ _SOLVED: Final = 256
 """Robots solved one by one: they show differences of a per cent of the standard deviation."""
 _SHARE: Final = 0.05
 """Difference of mean, standard deviation or quantile, relative, above which the maps of a datum are too coarse."""
+_CANCELLED: Final = 0.01
+"""Share of the standard deviation in base axes below which a component has cancelled: second order is left of it."""
 _LEAST_STD: Final = 1e-9
 """Standard deviation, m and rad, below which a component does not vary."""
 
@@ -238,7 +240,8 @@ class PoseModel:
     def linearity(self) -> Mapping[str, float] | None:
         """Largest relative differences of mean, std and 95 % quantile of |d| from robots solved one by one.
 
-        Those of mean and std are the largest of the six components, the mean in standard deviations. None without a datum.
+        Those of mean and std are the largest of the six components, the mean in standard deviations; what the datum cancels
+        to less than a hundredth of the error in base axes counts as that much. None without a datum.
         """
         if self.datum is None:
             return None
@@ -246,13 +249,15 @@ class PoseModel:
         # an arm of fewer joints does not reach the attitude of a displaced pose
         rows = slice(6 if len(self.posture.q) >= 6 else 3)
         exact, solved = self.exact(x)[rows], self.solved(x)[rows]
-        std = np.maximum(solved.std(axis=1), _LEAST_STD)
+        least = np.repeat(self.arm.exact(x).reshape(2, 3, -1).std(axis=2).max(axis=1) * _CANCELLED, 3)[rows]
+        least = np.maximum(least, _LEAST_STD)
+        std = np.maximum(solved.std(axis=1), least)
         lengths = (np.quantile(np.linalg.norm(error[:3], axis=0), 0.95) for error in (exact, solved))
         quantiles = np.maximum(list(lengths), _LEAST_STD)
         return {
             "robots": _SOLVED,
             "mean": float((np.abs((exact - solved).mean(axis=1)) / std).max()),
-            "std": float(np.abs(np.maximum(exact.std(axis=1), _LEAST_STD) / std - 1).max()),
+            "std": float(np.abs(np.maximum(exact.std(axis=1), least) / std - 1).max()),
             "quantile_95": float(abs(quantiles[0] / quantiles[1] - 1)),
         }
 

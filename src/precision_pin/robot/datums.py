@@ -489,7 +489,8 @@ class ToolPivot(Datum):
 
     def find(self, robots: Robots, places: Array, noise: Array, task: Array, view: int) -> Found:
         """Return the tip found: the change of its offset that brings the readings nearest to one point."""
-        reached = [robots.touch(k, places[k, :3, 3, None] + noise[k, :3]) for k in range(len(places))]
+        spike = places[:, :3, 3].mean(axis=0)[:, None]  # one point, also where rounded poses miss it nominally
+        reached = [robots.touch(k, spike + noise[k, :3]) for k in range(len(places))]
         read = np.array([robots.read(k, q) for k, q in enumerate(reached)])
         turns = read[:, :3, :3] - read[:, :3, :3].mean(axis=0)
         tips = read[:, :3, 3] - read[:, :3, 3].mean(axis=0)
