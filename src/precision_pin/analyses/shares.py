@@ -19,7 +19,6 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import Space
-from precision_pin.model.datum import Procedures
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
@@ -134,11 +133,11 @@ def by_place(at: PoseModel, chain: Chain) -> dict[str, Array]:
 
 def noise_of_datums(at: PoseModel) -> dict[str, Array]:
     """Return the part of the noise of each datum's procedure in the variances, ``(6,)`` by name."""
-    if at.datum is None or not isinstance(at.datum.procedures, Procedures):
+    if at.datum is None:
         return {}
     parts = {}
     for datum in at.datum.procedures.datums:
-        is_own = np.array([name.startswith(f"{datum.label}.") for name in at.space.components])
+        is_own = [name.startswith(f"{datum.label}.") for name in at.space.components]
         noise = np.where(is_own, at.datum.noise, 0.0)
         parts[f"noise of datum {datum.name}"] = np.diag(at.space.block_covariance.between(noise, noise))
     return parts

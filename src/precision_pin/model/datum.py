@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 
 from precision_pin.base import se3
-from precision_pin.base.arrays import Array, Keys, Record, field_names
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
@@ -108,9 +108,6 @@ def _noise_name(datum: Datum, number: int, axis: int) -> str:
     return f"{datum.label}.{datum.noise[number][0]} {_AXES[axis]}"
 
 
-_VECTORS: Final = (("position", "d", "mm"), ("attitude", "δ", "mrad"))
-
-
 @dataclass(frozen=True, eq=False)
 class DatumEffect(Record):
     """First-order parts of the variances of position (m²) and attitude (rad²) against datums, each ``(2,)``.
@@ -123,7 +120,9 @@ class DatumEffect(Record):
         noise: Variance of the datum, by the noise of the procedures.
     """
 
-    KEYS: ClassVar[Keys] = ("*_by_vector",)
+    KEYS: ClassVar[Keys] = (
+        *("without", "with_datum", "cancelled", "on_top", "robot", "procedure", "common", "visits", "noise"),
+    )
 
     robot: Array
     procedure: Array
@@ -135,9 +134,8 @@ class DatumEffect(Record):
     def of(cls, at: PoseModel) -> DatumEffect:
         """Return the effect of the datums of a model at a pose."""
         assert at.datum is not None
-        assert isinstance(at.datum.procedures, Procedures)
-        known, noise = set(at.datum.procedures.arm.space.components), at.datum.noise
-        is_robot = np.array([name in known for name in at.space.components])
+        labels, noise = tuple(f"{datum.label}." for datum in at.datum.procedures.datums), at.datum.noise
+        is_robot = np.array([not name.startswith(labels) for name in at.space.components])
         found = sum((gain @ visit.jacobian for gain, visit in at.datum.counted), np.zeros_like(noise))
         task, procedure, visits = at.arm.jacobian, np.where(is_robot, found, 0.0), np.where(is_robot, 0.0, found)
 
@@ -148,47 +146,45 @@ class DatumEffect(Record):
         return cls(*(variance(*pair) for pair in pairs))
 
     @property
+    def without(self) -> Array:
+        """Root of the variances in base axes, ``(2,)``, m and rad."""
+        return np.sqrt(self.robot)
+
+    @property
     def total(self) -> Array:
-        """Variance against the datums, ``(2,)``."""
-        return self.robot + self.procedure + self.common + self.on_top
+        """Variances against the datums, ``(2,)``, m² and rad²."""
+        return np.maximum(self.robot + self.procedure + self.common + self.visits + self.noise, 0.0)
+
+    @property
+    def with_datum(self) -> Array:
+        """Root of the variances against the datums, ``(2,)``, m and rad."""
+        return np.sqrt(self.total)
 
     @property
     def on_top(self) -> Array:
-        """Variance that cannot cancel, by draws of the procedures, ``(2,)``."""
-        return self.visits + self.noise
+        """Root of the variances that cannot cancel, by draws of the procedures, ``(2,)``, m and rad."""
+        return np.sqrt(self.visits + self.noise)
 
     @property
     def cancelled(self) -> Array:
-        """Share of the variance in base axes that cancels, ``(2,)``; negative if it grows, NaN if there is none."""
-        is_varying = self.robot > _NO_SPREAD**2
-        return np.where(is_varying, -(self.procedure + self.common) / np.where(is_varying, self.robot, 1.0), np.nan)
-
-    @property
-    def _by_vector(self) -> dict[str, Any]:
-        roots = {"without": self.robot, "with_datum": self.total, "on_top": self.on_top}
-        values = {"cancelled": self.cancelled} | {key: np.sqrt(np.maximum(part, 0)) for key, part in roots.items()}
-        return {
-            name: {key: float(value[k]) for key, value in values.items()}
-            | {"variances": {key: float(getattr(self, key)[k]) for key in field_names(DatumEffect)}}
-            for k, (name, _, _) in enumerate(_VECTORS)
-        }
+        """Share of the variances in base axes that cancels, ``(2,)``; negative if they grow, NaN if there are none."""
+        return -(self.procedure + self.common) / np.where(self.without > _NO_SPREAD, self.robot, np.nan)
 
     @property
     def text(self) -> str:
         """What cancelled and what came on top, of the position; and which vector the datums make worse."""
-        share, (robot, total, on_top) = self.cancelled[0], (1e3 * np.sqrt([self.robot, self.total, self.on_top]))
-        if np.isnan(share):
-            part = "d does not vary in base axes"
-        elif share < 0:
+        share, before, after = self.cancelled[0], self.without, self.with_datum
+        part = f"{'all' if share > 1 - 1e-9 else f'{min(100 * share, 99.9):.3g} %'} of the variance of d cancelled"
+        if share < 0:
             part = f"nothing cancelled, the robot's errors in the procedure added {-100 * share:.3g} % to the variance of d"
-        else:
-            part = f"{'all' if share > 1 - 1e-9 else f'{min(100 * share, 99.9):.3g} %'} of the variance of d cancelled"
-        worse = [
-            f"; the datum makes {symbol} worse: {total[k]:.3g} {unit} rms instead of {robot[k]:.3g}"
-            for k, (_, symbol, unit) in enumerate(_VECTORS)
-            if total[k] > max(robot[k], 1e3 * _NO_SPREAD)
-        ]
-        return f"{part}, {on_top[0]:.3g} mm rms came on top{''.join(worse)}"
+        elif np.isnan(share):
+            part = "d does not vary in base axes"
+        worse = "".join(
+            f"; the datum makes {name} worse: {1e3 * after[k]:.3g} {unit} rms instead of {1e3 * before[k]:.3g}"
+            for k, (name, unit) in enumerate((("d", "mm"), ("δ", "mrad")))
+            if after[k] > before[k] + _NO_SPREAD
+        )
+        return f"{part}, {1e3 * self.on_top[0]:.3g} mm rms came on top{worse}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +196,8 @@ class DatumRecord(Record):
         poses: Each visit, by name or joint values.
         linearity: Relative differences from robots solved one by one, :attr:`PoseModel.linearity`.
         effect: Parts of the variance at the same pose.
-        base_axes: 95 % quantiles of |d| and |δ|, m and rad, of robots of the same sample in base axes, with intervals; None
-            if not sampled.
+        base_axes: ``samples``, the number of robots of the same sample that are counted in base axes; ``quantile_95`` of
+            their |d| and |δ|, m and rad, with ``interval`` at 95 % confidence. None if not sampled or not resolved.
     """
 
     KEYS: ClassVar[Keys] = ("name", "kind", "poses", "linearity", "effect", "base_axes")
@@ -221,8 +217,8 @@ class DatumRecord(Record):
         visits = (visit for datum in datums for visit in datum.visits)
         poses = tuple(visit if isinstance(visit, str) else tuple(np.ravel(visit).tolist()) for visit in visits)
         names, kinds = (", ".join(getattr(datum, key) for datum in datums) for key in ("name", "kind"))
-        record = cls(names, kinds, poses, None)
-        return record if at is None else replace(record, linearity=at.linearity, effect=DatumEffect.of(at))
+        known = (None, None) if at is None else (at.linearity, DatumEffect.of(at))
+        return cls(names, kinds, poses, *known)
 
     @property
     def text(self) -> str:
@@ -285,15 +281,15 @@ class Procedures:
         """Raise if visits are unknown or do not determine a datum."""
         assert len(self._maps) == len(self.datums)
 
-    @property
-    def by_datum(self) -> Iterator[tuple[Datum, tuple[_Visit, ...]]]:
-        """Each datum with its visits."""
-        starts = itertools.pairwise(self._first)
-        return ((datum, self.visits[a:b]) for datum, (a, b) in zip(self.datums, starts, strict=True))
+    def by_datum(self) -> Iterator[tuple[Datum, Array, Array]]:
+        """Yield each datum, its places and nominal tips, ``(V, 4, 4)``."""
+        for datum, (a, b) in zip(self.datums, itertools.pairwise(self._first), strict=True):
+            visits = self.visits[a:b]
+            yield datum, np.array([v.place for v in visits]), np.array([v.at.posture.pose for v in visits])
 
     @cached_property
     def _maps(self) -> tuple[Maps, ...]:
-        return tuple(datum.maps(np.array([visit.place for visit in visits])) for datum, visits in self.by_datum)
+        return tuple(datum.maps(places) for datum, places, _ in self.by_datum())
 
     def _added(self, count: int, place: Array, q: Array, *, is_tip: bool = True) -> tuple[Array, Array]:
         """Return the gains ``(V, 6, 6)`` of all visits and ``(M, 6, 6)`` of all noise after the first datums."""

@@ -236,7 +236,8 @@ class ErrorModel:
     def datum_record(self, at: PoseModel | None = None) -> DatumRecord | None:
         """Return what the errors are counted against, with the linearity at a pose (default: the first); None for base axes."""
         if at is None and self.datums and self.poses:
-            at = next(self.at_columns(next(iter(self.poses.values()))[:, None]))
+            with suppress(InputError):  # a camera may have no view of the first pose
+                at = next(self.at_columns(next(iter(self.poses.values()))[:, None]))
         return DatumRecord.of(self.datums, at)
 
     @cached_property

@@ -26,6 +26,7 @@ from precision_pin.draws.space import Space
 from precision_pin.render import tables
 from precision_pin.render.html import Table, rendered
 from precision_pin.robot.chain import Posture
+from precision_pin.robot.datums import Datum
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.robot.urdf import Joint
 from precision_pin.sheet.reader import Origin
@@ -64,6 +65,11 @@ class Part:
 
 class Solver(Protocol):
     """Procedures that find datums."""
+
+    datums: tuple[Datum, ...]
+
+    def by_datum(self) -> Iterator[tuple[Datum, Array, Array]]:
+        """Yield each datum, its places and nominal tips, ``(V, 4, 4)``."""
 
     def solved(self, at: PoseModel, x: Array) -> Array:
         """Return the errors ``(6, n)`` at a pose of robots that each carry out the procedures."""

@@ -144,7 +144,7 @@ def caption(what: str, provenance: Any, pose: Any) -> str:
     """Return the first line of a caption: content, arm (its robot, base and tip) and pose (its name)."""
     named = f" at pose {visible(pose.name)}" if pose.name else ""
     arm = f"{visible(provenance.robot)}, {visible(provenance.base)} to {visible(provenance.tip)}"
-    return f"{what} of {arm}{named}"
+    return f"{what} of {arm}{named}{visible(provenance.datum.text) if provenance.datum else ''}"
 
 
 def _labelled(panels: Iterable[Axes]) -> dict[str, Any]:

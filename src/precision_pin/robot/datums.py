@@ -605,9 +605,8 @@ class HandEye(_Camera):
 
     def frames(self, places: Array) -> dict[str, Array]:
         """Return the board, and the camera at each view of the workpiece."""
-        views = [place @ self.camera for place in places[len(self.poses) :]]
-        names = (f"camera at view {k + 1}" if views[1:] else "camera at the view" for k in range(len(views)))
-        return {"board": self.board, **dict(zip(names, views, strict=True))}
+        views = enumerate(places[len(self.poses) :], start=1)
+        return {"board": self.board, **{f"camera at view {number}": place @ self.camera for number, place in views}}
 
     def find(self, robots: Robots, places: Array, noise: Array, task: Array, view: int) -> Found:
         """Return the workpiece as it is seen with the calibrated camera."""

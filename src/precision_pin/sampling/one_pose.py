@@ -231,22 +231,20 @@ def _result(
         errors=errors,
         space=None if errors is None else at.space,
         findings=known,
-        **{"datum": error_model.datum_record(at), **more},
+        **more,
     )
 
 
 def _datum_at(error_model: ErrorModel, at: PoseModel, work: Work) -> DatumRecord | None:
     """Return what the errors are counted against, with the quantiles of the first robots in base axes."""
-    record = error_model.datum_record(at)
-    if record is None:
-        return None
-    count = min(work.samples, BLOCK)
-    errors = sampler.errors(sampler.to_arrays(at.arm), work.model, work.seed, 0, count)
-    ranks, quantiles = quantile_ranks(count, 0.95, 0.95), {}
-    for name, values in zip(("position", "attitude"), np.linalg.norm(errors.reshape(2, 3, -1), axis=1), strict=True):
-        ends = None if ranks is None else np.sort(values)[np.subtract(ranks, 1)].tolist()
-        quantiles[name] = {"quantile_95": ends and float(np.quantile(values, 0.95)), "interval": ends}
-    return replace(record, base_axes={"samples": count, **quantiles})
+    record, count = error_model.datum_record(at), min(work.samples, BLOCK)
+    ranks = quantile_ranks(count, 0.95, 0.95)
+    if record is None or ranks is None:
+        return record
+    errors = sampler.errors(sampler.to_arrays(at.arm), work.model, work.seed, 0, count).reshape(2, 3, -1)
+    sizes = np.sort(np.linalg.norm(errors, axis=1))
+    quantiles, intervals = np.quantile(sizes, 0.95, axis=1), sizes[:, np.array(ranks) - 1]
+    return replace(record, base_axes={"samples": count, "quantile_95": quantiles, "interval": intervals})
 
 
 def _enough(
@@ -463,6 +461,7 @@ def relative(
         relative_to=RelativeTo(
             label, dict(zip(joints, map(float, state.q), strict=True)), written_approach(joints, state.approach)
         ),
+        datum=error_model.datum_record(pair.at),
         nominal=pair.at.tangent[0] - pair.other.tangent[0],
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from precision_pin.base.errors import shown, visible
-from precision_pin.model.datum import DatumEffect, datum_text
+from precision_pin.model.datum import datum_text
 from precision_pin.model.pose_model import origin_shares
 from precision_pin.render.tables import ROUNDING, bounded, joint_text, pose_labels, resting_on, symbol, unit
 from precision_pin.render.text_table import aligned
@@ -63,13 +63,14 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
 def datum_lines(analysis: MonteCarloResult) -> list[str]:
     """Return a line with the 95 % quantiles of |d| against the datum and in base axes, and the effect of the datum."""
     record = analysis.datum
-    if record is None or record.effect is None or record.base_axes is None:
+    if record is None or record.effect is None or analysis.relative_to is not None:
         return []
-    value, interval = (record.base_axes["position"][key] for key in ("quantile_95", "interval"))
-    size = "-" if interval is None else format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5)
-    sizes = f"{statistic(analysis.position.norm, 0.95)} mm; in base axes {size} mm"
-    robots = f"{record.base_axes['samples']:,} of these robots"
-    return [f"{record.procedure_text}: 95 % of robots within |d| {sizes} ({robots}); {record.effect.text}"]
+    sizes = f"95 % of robots within |d| {statistic(analysis.position.norm, 0.95)} mm"
+    if (base := record.base_axes) is not None:
+        (value, *_), ((low, high), *_) = 1e3 * base["quantile_95"], 1e3 * base["interval"]
+        size = format_inside(value, (low, high), most=5)
+        sizes += f"; in base axes {size} mm ({base['samples']:,} of these robots)"
+    return [f"{record.procedure_text}: {sizes}; {record.effect.text}"]
 
 
 def _answer(analysis: MonteCarloResult) -> list[str]:
@@ -274,13 +275,9 @@ def _worst(result: PosesResult) -> str:
 
 def _worst_datum(result: PosesResult) -> list[str]:
     """Return a line with the effect of the datum at the worst pose."""
-    if result.datum is None:
+    if result.datum is None or (effect := result.datum.effect) is None:
         return []
-    worst = [result.worst_pose]
-    approaches = None if result.approaches is None else result.approaches[:, worst]
-    effect = DatumEffect.of(next(result.error_model.at_columns(result.q[:, worst], approaches)))
-    robot, total = 1e3 * np.sqrt([effect.robot[0], effect.total[0]])
-    sizes = f"std of d {total:.3g} mm, in base axes {robot:.3g} mm, first order"
+    sizes = f"std of d {1e3 * effect.with_datum[0]:.3g} mm, in base axes {1e3 * effect.without[0]:.3g} mm, first order"
     return [f"{result.datum.procedure_text}, {_pose_name(result, result.worst_pose)}: {sizes}; {effect.text}"]
 
 

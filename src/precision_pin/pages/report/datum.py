@@ -20,6 +20,7 @@ _PARTS: Final = (
     ("common", "common to both", GREEN),
     ("visits", "new draws at the visits", PURPLE),
     ("noise", "noise of the procedure", VERMILION),
+    ("total", "against the datum", BLACK),
 )
 
 
@@ -29,30 +30,19 @@ def datum_effect(results: Results) -> Child:
     if record is None or record.effect is None:
         return joined([])
     (line,) = datum_lines(results.analysis)
-    percents = _percents(record.effect)
-    label = "; ".join(
-        f"{symbol}: " + ", ".join(f"{name} {value:.3g} %" for (_, name, _), value in zip(_PARTS, column, strict=False))
-        for symbol, column in zip("dδ", percents.T, strict=True)
-    )
     caption = (
         "Parts of the variance of d and δ, to first order, in % of the variance in base axes. What is common to both errors "
         f"of the robot cancels; the last bar is what remains against datum {record.name}."
     )
-    chart = inline_figure(_figure(percents), f"{results.prefix}datum", f"Variance by part: {label}", caption)
+    chart = inline_figure(_figure(record.effect), f"{results.prefix}datum", line, caption)
     return joined([paragraph(f"{line[0].upper()}{line[1:]}."), chart])
 
 
-def _percents(effect: DatumEffect) -> np.ndarray:
-    """Return each part of the variances, and their sums, ``(6, 2)``, in % of base axes, or of the sum if there is none."""
-    parts = np.array([getattr(effect, key) for key, _, _ in _PARTS] + [effect.total])
-    scale = np.where(parts[0] > 0, parts[0], parts[-1])
-    return 100 * parts / np.where(scale > 0, scale, 1.0)
-
-
-def _figure(percents: np.ndarray) -> Figure:
-    names = [*(name for _, name, _ in _PARTS), "against the datum"]
-    colours = [*(colour for _, _, colour in _PARTS), BLACK]
-    rows = np.arange(len(names))
+def _figure(effect: DatumEffect) -> Figure:
+    """Return the parts of the variances one after another, in % of base axes, or of the sum if nothing varies there."""
+    keys, names, colours = zip(*_PARTS, strict=True)
+    parts, rows = np.array([getattr(effect, key) for key in keys]), range(len(keys))
+    percents = 100 * parts / np.maximum(np.where(parts[0] > 0, parts[0], parts[-1]), 1e-300)
     with style():
         figure = new_figure(DOUBLE_COLUMN)
         panels = figure.subplots(1, 2, sharey=True)
@@ -60,7 +50,7 @@ def _figure(percents: np.ndarray) -> Figure:
             starts = np.array([0.0, *np.cumsum(values[:-2]), 0.0])
             axes.barh(rows, values, left=starts, height=0.7, color=colours, linewidth=0)
             for row, value in enumerate(values):
-                text = f"{value:{'+' if 0 < row < len(rows) - 1 else ''}.3g}"
+                text = f"{value:+.3g}" if 0 < row < rows[-1] else f"{value:.3g}"
                 axes.text(1.02, row, text, transform=axes.get_yaxis_transform(), va="center", fontsize=9)
             axes.axvline(0, color=BLACK, linewidth=0.6)
             axes.set_xlabel(f"variance of {symbol} [% of base axes]", fontsize=9)

@@ -19,7 +19,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, InternalError
 from precision_pin.pages.view import scales
 from precision_pin.pages.view.arm import draw_arm
-from precision_pin.pages.view.datum import datum_layers
+from precision_pin.pages.view.datum import DatumLayer
 from precision_pin.pages.view.headline import CONFIDENCE, LEVELS, as_html, limit_text, mean_size
 from precision_pin.pages.view.poses import (
     MOST_FRAMES,
@@ -90,7 +90,8 @@ def page(
     if factor is not None:
         scales.check_factor(factor)
     poses = _checked(shown)
-    layers = (*layers, *datum_layers(poses[0].pose_model))
+    datum = poses[0].pose_model.datum
+    layers = layers if datum is None else (*layers, DatumLayer(datum.procedures))
     if isinstance(points, bool) or not isinstance(points, int | np.integer) or not 1 <= points <= scales.MOST_POINTS:
         raise InputError(f"the cloud can show 1 to {scales.MOST_POINTS:,} points, got {points!r}")
     posture = poses[0].pose_model.posture
