@@ -33,6 +33,16 @@ def joint_columns(names: Iterable[str], slides: Iterable[bool]) -> list[Column]:
     ]
 
 
+def sheet_values(names: Iterable[str], slides: Iterable[bool], q: Iterable[float]) -> str | list[str]:
+    """Return joint values as a pose of a sheet: in degrees and mm, to six decimals; one text if all have one unit."""
+    columns = joint_columns(names, slides)
+    numbers = [f"{value / column.factor:.6f}".rstrip("0").rstrip(".") for column, value in zip(columns, q, strict=True)]
+    units = [column.heading.rpartition("[")[2].rstrip("]") for column in columns]
+    if len(set(units)) == 1:
+        return f"{' '.join(numbers)} {units[0]}"
+    return [f"{number} {unit}" for number, unit in zip(numbers, units, strict=True)]
+
+
 def recorded(header: Sequence[str], row: Sequence[str], joints: Mapping[str, str], given: ColumnNames) -> ColumnNames:
     """Return the columns of a recorder by the first two rows of its file.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
@@ -17,8 +18,8 @@ from precision_pin.robot.datums import NO_DATUM, Datum
 from precision_pin.robot.pose_grids import random_poses
 from precision_pin.sheet.settings import SettingError, placed
 
+_STARTS_AS_NUMBER: Final = re.compile(r"\s*[-+.]?\.?\d")
 _POSE: Final = "Name of a pose."
-_POSES: Final = "Names of poses, or random: and their number."
 
 
 class _Entry(BaseModel):
@@ -47,12 +48,13 @@ class PairEntry(_Entry):
 
 
 Touch = str | TouchEntry
+VisitEntry = str | list[str] | dict[str, str]
 
 
 class BestFitEntry(_Entry):
     """Alignment of an instrument's readings of the tip with their nominal positions."""
 
-    poses: list[str] | None = Field(None, description="Names of the poses that are read.")
+    poses: list[VisitEntry] | None = Field(None, description="Poses that are read: names or joint values.")
     random: str | None = Field(None, description="Number of random poses that are read, instead of poses.")
     std: str = Field("0 mm", description="Standard deviation of each coordinate of a reading.")
 
@@ -76,7 +78,9 @@ class ThreePointsEntry(_Entry):
 class ToolPivotEntry(_Entry):
     """A tool whose tip is found by holding it on one point."""
 
-    poses: list[str] = Field(description="Names of poses with the tip on the point, in different attitudes.")
+    poses: list[VisitEntry] = Field(
+        description="Poses, by name or values, with the tip on the point, in different attitudes."
+    )
     touch: Touch = Field("0 mm", description="Standard deviation of each coordinate of a touch.")
 
 
@@ -86,7 +90,7 @@ class EyeToHandEntry(_Entry):
     camera: PlaceEntry = Field(description="The camera: in the frame on for hand_eye, in the base for eye_to_hand.")
     board: PlaceEntry = Field(description="The board: in the base for hand_eye, in the frame on for eye_to_hand.")
     on: str = Field(description="Link that carries the camera, or the board.")
-    poses: list[str] = Field(description="Names of poses from which the board is seen.")
+    poses: list[VisitEntry] = Field(description="Poses, by name or joint values, from which the board is seen.")
     grasp: PlaceEntry = Field(description="The tip in the workpiece at the task.")
     noise: PairEntry = Field(
         default_factory=lambda: PairEntry(translation="0 mm", rotation="0 mrad"), description="Noise of a view."
@@ -119,11 +123,19 @@ class DatumEntry(_Entry):
         return self
 
 
-def read_datum(name: str, entry: DatumEntry, chain: Chain, poses: Mapping[str, Array]) -> Datum:
-    """Return a datum of a sheet; raise a :class:`SettingError` for an invalid key."""
+def read_datum(
+    name: str, entry: DatumEntry, chain: Chain, poses: Mapping[str, Array], parse: Callable[[Any, Chain], Array]
+) -> Datum:
+    """Return a datum of a sheet; raise a :class:`SettingError` for an invalid key. ``parse`` reads joint values."""
     kind = next(iter(entry.model_fields_set))
     settings = getattr(entry, kind)
     with placed(kind):
+        visits = list(getattr(settings, "poses", None) or ())
+        for number, visit in enumerate(visits):
+            if not isinstance(visit, str) or (visit not in poses and _STARTS_AS_NUMBER.match(visit)):
+                with placed("poses", number):
+                    visits[number] = parse(visit, chain)
+        settings = settings.model_copy(update={"poses": visits} if visits else {})
         datum = _MAKERS[kind](name, settings, chain, poses)
         check_datum(datum, chain, poses)
     return datum

@@ -26,7 +26,7 @@ from precision_pin.robot.chain import Chain, chain_findings
 from precision_pin.robot.configurations import Approach
 from precision_pin.robot.datums import Datum, check_together
 from precision_pin.robot.urdf import Robot
-from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_poses, read_chain
+from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_pose, parse_poses, read_chain
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
 from precision_pin.sheet.datums import chosen_datums, read_datum
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
@@ -231,7 +231,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     datums: dict[str, Datum] = {}
     for name, procedure in document.datums.items():
         with findings.taking("datums", name):
-            datums[name] = read_datum(name, procedure, chain, poses)
+            datums[name] = read_datum(name, procedure, chain, poses, parse_pose)
     datum: tuple[str, ...] = ()
     with findings.taking("datum"):
         datum = chosen_datums(document.datum, document.datums)

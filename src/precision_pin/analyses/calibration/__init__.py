@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from precision_pin.analyses.declaration import MEASURE, POSES, Asked, Declaration, Files, Job, Option, PagePart, load
 from precision_pin.base.errors import InputError
+from precision_pin.robot.datums import NO_DATUM
 
 if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
@@ -45,6 +46,8 @@ def check(options: dict[str, Any]) -> None:
         "--forecast and --plan exclude each other; a plan has the forecast of its choice": len(ahead) == 2,
         f"{ahead[0] if ahead else ''} takes no data": data and ahead,
         "--criterion belongs to --plan": options["criterion"] is not None and count is None,
+        "--criterion belongs to a plan of readings, not of a datum": options["criterion"] is not None
+        and options["datum"] is not None,
         "--csv belongs to --plan": options["csv_path"] is not None and count is None,
         "the measured poses are those of the data; --at names poses to judge": data and has_poses,
         "--random and given poses exclude each other": is_given and options["random"] is not None,
@@ -86,6 +89,8 @@ def prepare(request: Asked) -> Job:
     at = list(options["at_names"]) or None
     if options["count"] is None and not options["forecast"]:
         return _fit(request, model, measurements, at)
+    if options["count"] is not None and options["datum"] not in (None, NO_DATUM):
+        return _datum_plan(request, model, measurements, at)
     ahead = _forecast if options["count"] is None else _plan
     return ahead(request, model, only_one(measurements, request.sheet.file), at)
 
@@ -158,6 +163,29 @@ def _plan(request: Asked, model: ErrorModel, measurement: Measurement, at: list[
     )  # fmt: skip
 
 
+def _datum_plan(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
+    from precision_pin.analyses.calibration.data import poses_csv
+    from precision_pin.analyses.calibration.datum_plan import DATUM_PLAN_STEPS, plan_datum
+    from precision_pin.base.files import write_text
+    from precision_pin.sheet.measurement import only_one
+
+    options, path, sheet, poses = request.options, request.options["csv_path"], request.sheet, None
+    if len(model.datums) > 1:
+        raise InputError.of("E_USAGE", f"--plan: one datum at a time, got --datum {options['datum']}")
+    measurement = only_one(measurements, sheet.file)
+    if _gives_poses(dict(options)) or options["random"] is not None:
+        poses, sheet = _measured_poses(request, model, measurement, _CANDIDATES)
+    write = partial(_write, path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q)))
+    run = partial(
+        plan_datum, model, model.datums[0], options["count"], poses, at=at, measurement=measurement,
+        seed=options["seed"], findings=sheet.findings,
+    )  # fmt: skip
+    return _job(
+        run, "datum", files=lambda _: Files(), write=write, is_written_first=False, steps=DATUM_PLAN_STEPS,
+        what="choosing poses", unit="steps", findings=sheet.findings,
+    )  # fmt: skip
+
+
 def _forecast(request: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
     from precision_pin.analyses.calibration.forecast import forecast_calibration
 
@@ -167,7 +195,8 @@ def _forecast(request: Asked, model: ErrorModel, measurement: Measurement, at: l
 
 
 def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
-    from precision_pin.analyses.calibration.calibrate import calibrate, calibrated_sheet, result_name
+    from precision_pin.analyses.calibration.calibrate import calibrate
+    from precision_pin.analyses.calibration.calibrated_sheet import FRAME, calibrated_sheet, measured_frame, result_name
     from precision_pin.base.files import write_files
     from precision_pin.writers.as_built import describe_frozen
 
@@ -182,9 +211,14 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
         notes = [finding.message for finding in result.data.findings if finding.severity == "note"]
         if path is not None:
             name = str(Path(path).with_name(result_name(path)))
-            text = calibrated_sheet(request.sheet.file, path)
+            frame = measured_frame(result)
+            text = calibrated_sheet(request.sheet.file, path, frame)
             write_files({name: (result.to_json() + "\n").encode(), path: text.encode()})
             notes.append(f"wrote {path} and {name}")
+            if frame is not None:
+                notes.append(
+                    f"datum {FRAME} of {path}: errors in the frame of the readings; --datum none: in base axes"
+                )
         if options["urdf"] is not None:
             frozen = result.to_urdf(options["urdf"])
             notes += [f"wrote {options['urdf']}", *describe_frozen(frozen, "the first pose")]
@@ -241,7 +275,7 @@ DECLARATION = Declaration(
 
     \b
     Before:  calibrate SHEET --forecast             what measuring will buy
-             calibrate SHEET --plan 20              which poses to measure
+             calibrate SHEET --plan 20              which poses to measure; with --datum, to find it at
     Fit:     calibrate SHEET DATA.csv               the robot that was measured
     Others:  calibrate SHEET --factory FILE         what the factory measured
              calibrate SHEET --population A.csv …   tolerances of many robots
@@ -254,7 +288,9 @@ DECLARATION = Declaration(
     """,
     options=(
         _ahead("--forecast", "forecast", "Predict the accuracy after calibration, before measuring.", bool),
-        _ahead("--plan", "count", "Choose the M best of many poses to measure.", int, metavar="M"),
+        _ahead(
+            "--plan", "count", "Choose the M best of many poses to measure, or at which to find --datum.", int, metavar="M"
+        ),
         _ahead(
             "--criterion", "criterion",
             "Of --plan: the position error left at the poses of --at, or the determinant of the information.  [default: task]",

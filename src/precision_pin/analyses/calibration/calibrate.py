@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress, product
-from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
@@ -35,14 +32,12 @@ from precision_pin.analyses.readings import measurements_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_flag, check_items, check_name, check_number, check_path
 from precision_pin.base.arrays import Array, Keys, Record
-from precision_pin.base.errors import Finding, InputError, SheetError
-from precision_pin.base.files import UnreadableFileError, read_text_file, write_files
+from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.files import write_files
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Estimates, Space, held_at_mean
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.robot.examples import ELSEWHERE
 from precision_pin.sheet.measurement import Measurement
-from precision_pin.sheet.text import read_text
 from precision_pin.statistics import clopper_pearson
 from precision_pin.writers.as_built import AsBuilt
 
@@ -536,52 +531,6 @@ def _warnings(data: CalibrationData, fit: fitting.Fit, gross: tuple[GrossError, 
 
 
 Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
-
-
-_MAX_SHEET_BYTES: Final = 4 * 2**20
-"""Largest sheet that is read, bytes."""
-_ROBOT: Final = re.compile(r"^robot[ \t]*:.*\n?", re.MULTILINE)
-_KEY: Final = re.compile(r"^calibrated[ \t]*:.*\n?", re.MULTILINE)
-
-
-def result_name(sheet: str) -> str:
-    """Return the file name of the result next to a sheet: ``arm.calibration.json`` for ``arm.errors.yaml``."""
-    return Path(sheet).name.removesuffix(".yaml").removesuffix(".yml").removesuffix(".errors") + ".calibration.json"
-
-
-def calibrated_sheet(original: str, new: str) -> str:
-    """Return the text of the sheet ``original`` with the key ``calibrated``, to be written at ``new``.
-
-    In another folder the robot gets its full path. Sheets there that name tables, and keys that share lines, are rejected.
-    """
-    folder = Path(original).resolve().parent
-    try:
-        text = read_text_file(original, _MAX_SHEET_BYTES)
-        data = dict(read_text(text, original).data)
-        if folder != Path(new).resolve().parent:
-            if _names_tables(data):
-                raise InputError(
-                    f"the calibrated sheet must be in the folder of {original}, which names tables next to it"
-                )
-            if not data["robot"].startswith(ELSEWHERE):
-                data["robot"] = str(folder / data["robot"])
-                text = _ROBOT.sub(lambda _: f"robot: {json.dumps(data['robot'])}\n", text)
-        data["calibrated"] = result_name(new)
-        text = _KEY.sub("", text).rstrip("\n") + f"\ncalibrated: {json.dumps(data['calibrated'])}\n"
-        is_same = read_text(text, new).data == data
-    except UnreadableFileError as error:
-        raise InputError(f"{original} {error.reason}") from None
-    except SheetError:
-        is_same = False
-    if not is_same:
-        raise InputError(f"the key 'calibrated' cannot be added to {original}; write each of its keys on its own line")
-    return text
-
-
-def _names_tables(data: object) -> bool:
-    if isinstance(data, dict):
-        return "file" in data or any(map(_names_tables, data.values()))
-    return isinstance(data, list) and any(map(_names_tables, data))
 
 
 MIN_GROUPS: Final = 4

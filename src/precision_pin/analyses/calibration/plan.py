@@ -461,26 +461,11 @@ def plan_calibration(
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
-    left_out: Counter[str] = Counter()
-    if isinstance(candidates, PoseSet):
-        left_out.update(candidates.obstructed)
-        candidates = candidates.of(candidates.known) if candidates.known.any() else candidates
-    values, names = linear.read_poses(model, candidates)
-    pose_set = PoseSet.at(model.chain, np.ascontiguousarray(values), names).unobstructed(model.chain)
-    obstructed = len(pose_set) - int(pose_set.known.sum())
-    if obstructed == len(pose_set):
-        raise InputError(f"at each of {obstructed} candidates the arm hits itself or what it is kept out of")
-    visible = seen_poses(model.chain, measurement, pose_set.of(pose_set.known) if obstructed else pose_set)
-    if visible is None:
-        raise InputError(f"the instrument sees the target at none of {len(pose_set) - obstructed} candidates")
-    values, names = visible.q, visible.names
-    total = values.shape[1]
-    hidden = len(pose_set) - obstructed - total
-    left_out += Counter({**pose_set.obstructed, "hidden": hidden})
+    usable, left_out, obstructed = usable_candidates(model, candidates, measurement)
+    values, names, total = usable.q, usable.names, len(usable)
     count = check_whole(
         "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
     )
-    _check_distinct(values)
     unit = linear.UnitNumbers.of(model.space)
     # one station with one reading per candidate
     pose_models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
@@ -532,10 +517,39 @@ def plan_calibration(
         findings=(
             *findings,
             *(model.chain.collision_notes if left_out else ()),
-            *_warnings(identifiability, efficiency, hidden, obstructed),
+            *left_out_warnings(obstructed, left_out["hidden"]),
+            *_warnings(identifiability, efficiency),
             *contact_warnings(measurement, nominal),
         ),
     )
+
+
+def usable_candidates(
+    model: ErrorModel, candidates: object, measurement: Measurement | None
+) -> tuple[PoseSet, Counter[str], int]:
+    """Return the candidates at which the arm hits nothing and an instrument sees the target.
+
+    Also the number of the others by reason, with random draws left out before, and of those obstructed here.
+
+    Raises:
+        InputError: None is left, or one is given twice.
+    """
+    before: Counter[str] = Counter()
+    if isinstance(candidates, PoseSet):
+        before.update(candidates.obstructed)
+        candidates = candidates.of(candidates.known) if candidates.known.any() else candidates
+    values, names = linear.read_poses(model, candidates)
+    pose_set = PoseSet.at(model.chain, np.ascontiguousarray(values), names).unobstructed(model.chain)
+    obstructed = len(pose_set) - int(pose_set.known.sum())
+    if obstructed == len(pose_set):
+        raise InputError(f"at each of {obstructed} candidates the arm hits itself or what it is kept out of")
+    free = pose_set.of(pose_set.known) if obstructed else pose_set
+    usable = free if measurement is None else seen_poses(model.chain, measurement, free)
+    if usable is None:
+        raise InputError(f"the instrument sees the target at none of {len(pose_set) - obstructed} candidates")
+    _check_distinct(usable.q)
+    hidden = len(pose_set) - obstructed - len(usable)
+    return usable, before + Counter({**pose_set.obstructed, "hidden": hidden}), obstructed
 
 
 def _perturbed(
@@ -570,13 +584,17 @@ def _check_distinct(values: Array) -> None:
         )
 
 
-def _warnings(result: linear.Identifiability, efficiency: float, hidden: int, obstructed: int) -> Iterator[Finding]:
+def left_out_warnings(obstructed: int, hidden: int) -> Iterator[Finding]:
+    """Yield warnings about candidates that are left out."""
     if obstructed:
         message = f"{obstructed} candidates are left out: the arm hits itself or what it is kept out of"
         yield Finding("warning", "W_COLLISION", message)
     if hidden:
         message = f"{hidden} candidates are left out: the target faces away from the instrument by more than the cone"
         yield Finding("warning", "W_HIDDEN", message)
+
+
+def _warnings(result: linear.Identifiability, efficiency: float) -> Iterator[Finding]:
     if efficiency < 0.99:
         message = (
             f"the choice is certified to {100 * efficiency:.3g} % of the best only: the bound may be beyond every choice, and no "

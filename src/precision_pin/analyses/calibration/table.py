@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
+from precision_pin.analyses.calibration.datum_plan import DatumPlan
 from precision_pin.analyses.calibration.design import Identifiability, SetUp, UnitNumbers, stations_of_data
 from precision_pin.analyses.calibration.fit import EstimatedStd
 from precision_pin.analyses.calibration.forecast import (
@@ -56,6 +58,8 @@ _NAME: Final = 44
 """Maximum number of characters of a number's name."""
 _SEAT: Final = 34
 """Maximum number of characters of the name of a displaced joint or tip."""
+_MOST_TASKS: Final = 3
+"""Maximum number of tasks that are named."""
 _ROWS: Final = 8
 """Maximum number of combinations, sockets and names listed; a curve has up to two columns more."""
 _NAMED: Final = 4
@@ -120,6 +124,7 @@ def calibration_table(result: CalibrationResult) -> str:
         *share_lines(result),
         f"{VERDICTS[result.verdict]}; {residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
+        *frame_lines(result),
         "" if result.has_prior else f"{NO_PRIOR}\n",
         *_poses(result),
         "",
@@ -173,6 +178,25 @@ def plan_table(result: CalibrationPlan) -> str:
     return "\n".join(lines)
 
 
+def datum_table(result: DatumPlan) -> str:
+    """Return the poses at which to find a datum, as in a sheet, and the error that they leave."""
+    rms = {
+        which: "nothing" if np.isinf(value) else f"{milli(value, 3)} mm" for which, value in result.rms_position.items()
+    }
+    left_out = ", ".join(f"{n:,} {why}" for why, n in result.left_out.items())
+    lines = [
+        f"find datum {visible(result.datum.name)} ({result.datum.kind}) of {_arm(result.provenance)} at {result.count:,} of "
+        f"{result.candidates:,} poses: {rms['chosen']} rms at {some(result.tasks, _MOST_TASKS)}",
+        f"with all {result.candidates:,}: {rms['all']}; with {result.count:,} random ones: {rms['random']} (median)",
+        *([f"left out before: {left_out}"] if left_out else []),
+        f"deviation of the position, first order; no single exchange is better; seed {result.provenance.seed}",
+        "",
+        "poses:",
+        *(f"  - {json.dumps(text, ensure_ascii=False)}" for text in result.texts),
+    ]
+    return "\n".join(lines)
+
+
 def describe_measurement(measurement: Measurement) -> str:
     """Return a description of instrument and set-up."""
     parts = [f"{measurement.kind}, std {1e6 * measurement.std:.4g} µm"]
@@ -195,6 +219,7 @@ def headline(result: CalibrationResult) -> list[str]:
         f"{_capital(residuals_text(result))}.",
         *(f"{_capital(line)}." for line in share_lines(result)),
         f"Position error of the tip at {_where(result)}: rms {_sizes(result)}.",
+        *(f"{_capital(line)}." for line in frame_lines(result)),
     ]
     if result.gross_errors:
         worst = max(result.gross_errors, key=lambda error: error.deviations)
@@ -273,6 +298,15 @@ def share_lines(result: CalibrationResult) -> list[str]:
         f"{share.verdict}{few}: left-out readings are {share.ratio:.3g} times ({times[0]:.3g} to {times[1]:.3g}) as far off as "
         f"their standard deviations say; {100 * share.within:.3g} % are within their 95 % ({percent[0]} to {percent[1]} %)"
     ]
+
+
+def frame_lines(result: CalibrationResult) -> list[str]:
+    """Return a line with the error left in both frames, at the pose with the largest; none if the base is known."""
+    if not any(part.displaces_base for part in result.data.measurements):
+        return []
+    worst = max(result.poses, key=lambda entry: entry.quantile("after"))
+    base, frame = (milli(worst.quantile(which), 3) for which in ("after", "seen"))
+    return [f"95 % of |d| left at {shown(worst.name)}: {base} mm in base axes, {frame} mm in the frame of the readings"]
 
 
 def measured_text(result: CalibrationResult) -> str:
