@@ -175,7 +175,8 @@ def test_view_draws_the_procedure(model: pp.ErrorModel) -> None:
         assert_allclose(drawn, tips, atol=1e-9)
     assert sum(name.startswith("/meshcat/datum/axis") for name in nodes) == 3
     assert "&lt;fixture&gt; (three_points): tip at its 3 poses; axes: frame" in text
-    assert "stand in base axes" in text
+    assert "arms as built: none, they stand in base axes, not in the datum" in text
+    assert "stands in base axes, so its tip is not their mean" in text
     assert 'id="show-datum"' in text
     assert all(source[1:-1].removeprefix("sha256-") in text for source in script_hashes(()))
     assert 'id="show-datum"' not in page([ViewPose(at.arm, errors, "p")], seed=0, model_name="exact")
