@@ -145,7 +145,7 @@ FINE = {
 NOT_TRIED = {
     # handed on to what monte_carlo tries; of the package's own making
     "executor", "everywhere", "files", "journal", "processes", "resume", "tasks_under_way", "tell", "only",
-    "bounds", "for_samples", "k", "names", "quantities", "value",
+    "bounds", "for_samples", "k", "limits", "names", "quantities", "value",
 }  # fmt: skip
 """Arguments that are left at their defaults, where a call does not give them."""
 

@@ -84,9 +84,10 @@ def test_one_compilation_serves_every_table() -> None:
     assert sampler.is_compiled()
     if not INTERPRETED:
         for function in (loops.run, loops.run_poses):
-            place = list(inspect.signature(function.py_func).parameters).index("rare")
-            seen = [signature[place : place + 2] for signature in function.signatures]  # types of laws and models
-            assert len(set(seen)) == len(seen) <= 4  # with and without rare laws, exact and linear
+            names = list(inspect.signature(function.py_func).parameters)
+            places = [names.index(name) for name in ("datum", "rare", "linear")]
+            seen = [tuple(str(signature[place]) for place in places) for signature in function.signatures]
+            assert len(set(seen)) == len(seen) <= 6  # with and without rare laws; linear, exact, and exact with a datum
 
 
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")

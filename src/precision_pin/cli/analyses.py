@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 _SHARED: Final[dict[str, shared.Decorator]] = {
     "poses": shared.pose_options,
     "target": shared.target_option,
+    "datum": shared.datum_option,
     "chain": shared.chain_options,
     "seed": shared.seed_option,
     "model": shared.model_option,

@@ -155,17 +155,18 @@ spec_option: Final = together(
     headed_option("--spec", "specs", multiple=True, metavar='"0.5 mm @ 99.73 %"', help="A limit, else the sheet's."),
     beyond_limits_option,
 )
+datum_option: Final = robot_option(
+    "--datum",
+    metavar="DATUM",
+    help="Count errors against a datum of the sheet, or several, A,B, in order; none: base axes.",
+)
 target_option: Final = together(
     robot_option(
         "--target",
         metavar='"X Y Z mm"',
         help="The point that results are about, in the tip's axes; else the sheet's, or the tip.",
     ),
-    robot_option(
-        "--datum",
-        metavar="DATUM",
-        help="Count errors against a datum of the sheet, or several, A,B, in order; none: base axes.",
-    ),
+    datum_option,
 )
 json_option: Final = output_option(
     "--json", "json_path", type=FILE, metavar="FILE", help="Write the result as JSON; - prints it alone."

@@ -53,7 +53,7 @@ DECLARATION = Declaration(
     Example: precision-pin allocate SHEET.yaml --out cheaper
     """,
     options=(
-        *("chain", "seed", "beyond"),
+        *("chain", "datum", "seed", "beyond"),
         Option(
             "--seconds", "seconds", "Time for the choice of grades; then the best found counts, with its gap.", float,
             60.0, "S",

@@ -90,7 +90,7 @@ DECLARATION = Declaration(
     {INPUTS}
     """,
     options=(
-        *("poses", "chain", "messages"),
+        *("poses", "chain", "datum", "messages"),
         Option("--cube", "cube", "The standard's five poses in the largest cube within reach, tool as at the first pose.", bool),
         Option("--robots", "robots", "Built robots, each tested once.", int, 2000, "N"),
         Option("--cycles", "cycles", "Cycles of a test: those measured, else 30.", int, metavar="N"),

@@ -155,13 +155,8 @@ def page(
     label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
     deflected = any(np.any(one.deflected) for one in data)
     how = "deflected by its mean loads" if deflected else "the same as without error"
-<<<<<<< ours
     is_limit_drawn = any(one.row in _DRAWN for one in specifications)
-    ghosts_line, limit_line = _optional_layers(data, specifications, is_limit_drawn)
-=======
-    is_limit_drawn = any(one.quantity.startswith("position") for one in specifications)
     ghosts_line, limit_line = _optional_layers(data, specifications, is_limit_drawn, datum is not None)
->>>>>>> theirs
     viewer, script = _scripts(layers)
     return string.Template(asset("page.html")).substitute(
         policy=f"default-src 'none'; script-src {' '.join(script_hashes(layers))}; style-src 'unsafe-inline'; "
@@ -259,14 +254,9 @@ def _optional_layers(
     """Return the boxes of the arms as built and of the limit on the position, which not every page has."""
     has_ghosts = all(one.ghosts for one in data)
     built = f"arms of {len(data[0].ghosts)} sampled robots, as built"
-<<<<<<< ours
-    none = "arms as built: none, the errors are not those of this seed"
-    limits = "; ".join(limit_text(one) for one in specifications if one.row in _DRAWN)
-=======
     why = "they stand in base axes, not in the datum" if is_in_datum else "the errors are not those of this seed"
     none = f"arms as built: none, {why}"
-    limits = "; ".join(limit_text(one) for one in specifications if one.quantity.startswith("position"))
->>>>>>> theirs
+    limits = "; ".join(limit_text(one) for one in specifications if one.row in _DRAWN)
     return [
         f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i>'
         f"<span>{escaped(text)}</span></label></li>"
