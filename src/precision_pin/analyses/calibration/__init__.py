@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from precision_pin.analyses.declaration import MEASURE, POSES, Asked, Declaration, Files, Job, Option, PagePart, load
 from precision_pin.base.errors import InputError
-from precision_pin.robot.datums import NO_DATUM
 
 if TYPE_CHECKING:
     from precision_pin.model.error_model import ErrorModel
@@ -89,7 +88,7 @@ def prepare(request: Asked) -> Job:
     at = list(options["at_names"]) or None
     if options["count"] is None and not options["forecast"]:
         return _fit(request, model, measurements, at)
-    if options["count"] is not None and options["datum"] not in (None, NO_DATUM):
+    if options["count"] is not None and options["datum"] not in (None, "none"):
         return _datum_plan(request, model, measurements, at)
     ahead = _forecast if options["count"] is None else _plan
     return ahead(request, model, only_one(measurements, request.sheet.file), at)

@@ -31,7 +31,7 @@ from precision_pin.robot.datums import Datum
 from precision_pin.robot.joint_columns import sheet_values
 from precision_pin.sheet.measurement import Measurement
 
-_STARTS: Final = 3
+_STARTS: Final = 8
 """Random choices from which poses are exchanged."""
 _SWEEPS: Final = 20
 """Sweeps over the chosen poses of one search at most."""
