@@ -96,10 +96,9 @@ class _Completed(click.Parameter):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem[str]]:
         """Return the values that begin with a text."""
-        from precision_pin.cli.completion import complete
-
-        found = complete(self, ctx, incomplete)
-        return super().shell_complete(ctx, incomplete) if found is None else found
+        # by name, because completion reads the inputs of commands, which have these options
+        items = load("precision_pin.cli.completion:complete")(self, ctx, incomplete)
+        return super().shell_complete(ctx, incomplete) if items is None else items
 
 
 class Option(_Completed, click.Option):

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from precision_pin.draws.expressions import renamed
 from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import DatumPart, PoseModel
+from precision_pin.robot.chain import Chain
 from precision_pin.robot.datums import Datum, Found, Maps
 from precision_pin.robot.places import ORDER_FRAME
 from precision_pin.terms import LabelledSpace, Posture, Setting, Source, Term, units
@@ -27,8 +28,6 @@ from precision_pin.terms.term import JointValue, Target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-
-    from precision_pin.model.error_model import ErrorModel
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 _STEPS: Final = 12
@@ -255,6 +254,21 @@ class _Visit:
     at: PoseModel
 
 
+class ArmModel(Protocol):
+    """An error model in base axes, as the procedures use it."""
+
+    @property
+    def chain(self) -> Chain:
+        """The arm."""
+
+    @property
+    def space(self) -> Space:
+        """Its draws."""
+
+    def at(self, q: Any = None) -> PoseModel:
+        """Return the model at a pose."""
+
+
 class Procedures:
     """The procedures of a model's datums, in the order in which they are done.
 
@@ -264,7 +278,7 @@ class Procedures:
         datums: The datums.
     """
 
-    def __init__(self, arm: ErrorModel, space: Space, datums: Sequence[Datum]) -> None:
+    def __init__(self, arm: ArmModel, space: Space, datums: Sequence[Datum]) -> None:
         self.arm, self.space = arm, space
         self.datums = tuple(datums)
         self._keeps_attitude = len(arm.chain.joints) < 6

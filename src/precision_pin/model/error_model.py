@@ -32,6 +32,7 @@ from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Estimates, LabelledSpace, Space
 from precision_pin.model.datum import DatumRecord, Procedures, procedure_of
 from precision_pin.model.equilibrium import solve_equilibrium, statics_findings, terms_about_rest
+from precision_pin.model.owned_draws import OwnedDraw, OwnedDraws
 from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, origins_of_numbers
 from precision_pin.render.html import Table, rendered
 from precision_pin.robot.chain import Chain, HasChain, Posture, chain_of, pose_findings
@@ -476,12 +477,10 @@ class ErrorModel:
         return self.sources.labels
 
     @cached_property
-    def draws(self) -> bound_source.OwnedDraws:
+    def draws(self) -> OwnedDraws:
         """Draws of the space by name, each with its law, scope and owners: the labels of the sources that use it."""
         entries = zip(self.space.draws, self.owners, strict=True)
-        return bound_source.OwnedDraws(
-            {draw.name: bound_source.OwnedDraw(draw.law, draw.scope, owners) for draw, owners in entries}
-        )
+        return OwnedDraws({draw.name: OwnedDraw(draw.law, draw.scope, owners) for draw, owners in entries})
 
     @cached_property
     def bound_sources(self) -> tuple[bound_source.BoundSource, ...]:

@@ -5,20 +5,17 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, SupportsIndex, overload
+from dataclasses import replace
+from typing import Any, SupportsIndex, overload
 
 import numpy as np
 
 from precision_pin.base.arguments import check_name
 from precision_pin.base.arrays import Array
-from precision_pin.base.errors import InputError, UnknownNameError
+from precision_pin.base.errors import InputError
 from precision_pin.base.units import PerJoint, Quantity
-from precision_pin.draws.draw import Draw, Scope
-from precision_pin.draws.laws import Law
+from precision_pin.draws.draw import Draw
 from precision_pin.draws.space import LabelledSpace, Space
-from precision_pin.render.html import Table, rendered
-from precision_pin.render.text_table import aligned
 from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.places import Factors, Load
 from precision_pin.terms.source import Source
@@ -87,35 +84,6 @@ class LabelledSources(tuple[Source, ...]):
         if isinstance(key, str):
             key = self.labels.index(check_name("source", key, self.labels))
         return super().__getitem__(key)
-
-
-@dataclass(frozen=True)
-class OwnedDraw:
-    """Law and scope of a draw, and its owners: the labels of the sources that use it."""
-
-    law: Law
-    scope: Scope
-    owners: tuple[str, ...]
-
-
-class OwnedDraws(dict[str, OwnedDraw]):
-    """Draws of a model by name."""
-
-    COLUMNS: Final = ("draw", "law (SI)", "drawn for each", "used by")
-
-    def __missing__(self, name: object) -> OwnedDraw:
-        raise UnknownNameError("draw", str(name), self)
-
-    @property
-    def rows(self) -> list[list[str]]:
-        """Name, law, scope and owners of each draw as text."""
-        return [[name, repr(draw.law), draw.scope.value, ", ".join(draw.owners)] for name, draw in self.items()]
-
-    def __repr__(self) -> str:
-        return "\n".join(aligned([list(self.COLUMNS), *self.rows], words=4))
-
-    def _repr_html_(self) -> str:
-        return rendered(f"Draws: {len(self)}", [Table(self.COLUMNS, self.rows, words=4)])
 
 
 def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
