@@ -17,7 +17,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.files import csv_text
 from precision_pin.draws.draw import MOST_VISITS, Scope
 from precision_pin.draws.space import check_seed
-from precision_pin.model.error_model import ErrorModel, in_base_axes
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.joint_columns import joint_columns
@@ -182,7 +182,6 @@ class Readings(Fixed):
         return cycles_csv(names, cycles, self.measurement.kind, self.values, comments)
 
 
-@in_base_axes
 def simulate(
     model: ErrorModel,
     poses: object,
@@ -215,6 +214,7 @@ def simulate(
         (1, 3)
     """
     instrument = measurement_of(model, measurement)
+    model = model.bare
     check_whole("unit", unit, 0, 2**64 - 1, "from 0 to 2^64 - 1")
     check_whole("cycles", cycles, 1, MOST_VISITS)
     check_seed(seed)

@@ -564,19 +564,6 @@ def takes_datum(function: Callable[Parameters, Result]) -> Callable[Parameters, 
     return cast("Callable[Parameters, Result]", called)
 
 
-def in_base_axes(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Make an analysis of readings take models without their datums: an instrument reads in base axes or in its own."""
-
-    @wraps(function)
-    def called(*arguments: Any, **options: Any) -> Result:
-        bare: list[Any] = [argument.bare if isinstance(argument, ErrorModel) else argument for argument in arguments]
-        if isinstance(options.get("model"), ErrorModel):
-            options["model"] = options["model"].bare
-        return function(*bare, **options)
-
-    return cast("Callable[Parameters, Result]", called)
-
-
 def _settings(source: Source) -> str:
     """Return the settings of a source that have a value as text; a draw by its name, or else by its law."""
     settings = {name: value for name, value in source.settings().items() if value is not None and value != ()}

@@ -22,7 +22,7 @@ import os
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -47,6 +47,7 @@ from precision_pin.robot.urdf import Joint, Limits, Robot, parse, rpy_of
 from precision_pin.robot.urdf.editing import AddedFrame, Placement, UrdfText
 from precision_pin.robot.urdf.robot import to_vector
 from precision_pin.robot.urdf.xmltree import Findings, read_regular_file
+from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import JointValue
 
 BLOCK: Final = 1000
@@ -94,13 +95,19 @@ class AsBuilt:
         q: ArrayLike | Mapping[str, float] | ApproachedPose | str | None = None,
         *,
         sheet: str = "",
+        loads: bool = True,
     ) -> AsBuilt:
         """Return the writer of a model's robots at a pose, as for `ErrorModel.configuration`; ``sheet`` names the sheet.
+
+        Without ``loads`` the robots lack what loads cause.
 
         Raises `InputError` if the robot's file cannot be read, or has changed since the model was loaded.
         """
         model = model.bare
         at = model.at(q)
+        if not loads:
+            terms = tuple(t for source in model.bound_sources for t in source.terms(at.posture) if not t.loaded)
+            at = replace(at, terms=terms, table=TableLayout.of(terms, at.space).at(at.posture, terms))
         chain = at.posture.chain
         data = _read(chain.robot.file)
         robot = parse(data, chain.robot.file)
@@ -109,7 +116,7 @@ class AsBuilt:
         folds = _folds(at, links)
         seats = {fold.step.name for fold in folds if fold.step.added}
         base, tip = (_free(f"{name}_as_built", names) if name in seats else name for name in (chain.base, chain.tip))
-        frozen = frozen_sources(model, at)
+        frozen = frozen_sources(model, at, loads=loads)
         header = (
             f"robot: {robot.name}, from {Path(chain.robot.file).name} with SHA-256 {hashlib.sha256(data).hexdigest()}",
             *([f"sheet: {sheet}"] if sheet else []),
@@ -158,14 +165,21 @@ class AsBuilt:
         lines = (f"{what}, written by precision-pin {version}: {unit}.", *self._header)
         return self.original.edited(placements, added, [part for line in lines for part in _wrapped(line)])
 
+    def tips(self, text: bytes, q: Array) -> tuple[list[Array], float]:
+        """Return the tip of a written robot at joint values ``(n, P)``, and the largest coordinate of its links, at least 1."""
+        chain, results, scale = self.at.posture.chain, [], 1.0
+        robot = parse(text, chain.robot.file)
+        for values in q.T:
+            poses = robot.link_poses({**chain.locked, **dict(zip(chain.joint_names, values, strict=True))})
+            results.append(se3.inverse(poses[self.base]) @ poses[self.tip] @ se3.translation(chain.target))
+            scale = max(scale, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
+        return results, scale
+
     def _verify(self, text: bytes, error: Array) -> None:
         posture = self.at.posture
         chain = posture.chain
-        values = {**chain.locked, **dict(zip(chain.joint_names, posture.q, strict=True))}
-        poses = parse(text, chain.robot.file).link_poses(values)
-        tip = se3.inverse(poses[self.base]) @ poses[self.tip] @ se3.translation(chain.target)
+        (tip,), scale = self.tips(text, posture.q[:, None])
         expected = se3.displaced(posture.pose, error)
-        scale = max(1.0, *(float(np.abs(pose[:3, 3]).max()) for pose in poses.values()))
         if np.abs(tip - expected).max() > AGREEMENT * scale:
             raise InternalError(f"{chain.robot.file}: an as-built robot disagrees with the exact model")
 
@@ -276,12 +290,12 @@ def _step_for(place: Place, steps: Sequence[_Step]) -> _Step | None:
     return next((step for k, step in free if k >= rank), free[-1][1] if free else None)
 
 
-def frozen_sources(model: ErrorModel, at: PoseModel) -> tuple[str, ...]:
+def frozen_sources(model: ErrorModel, at: PoseModel, *, loads: bool = True) -> tuple[str, ...]:
     """Return the labels of sources whose displacements hold only at this pose: by loads, scope or declaration."""
     scopes = {name: draw.scope for draw in model.space.draws for name in draw.components}
     labels = []
     for bound, label in zip(model.bound_sources, model.labels, strict=True):
-        terms = tuple(bound.terms(at.posture))
+        terms = tuple(term for term in bound.terms(at.posture) if loads or not term.loaded)
         names = {name for term in terms for factor in term.factors for name in component_names(factor)}
         by_scope = any(scopes[name] is not Scope.UNIT for name in names)
         changes = not bound.source.is_alike_everywhere(model.chain)

@@ -160,3 +160,23 @@ def test_a_datum_without_a_number_of_poses_has_no_plan():
         plan_datum(plain_model(), pp.Datum.taught("home"), 3)
     with pytest.raises(pp.InputError, match="from 3 to 5, the number of candidates"):
         plan_datum(plain_model(), best_fit(random_poses(4, 5)), 6)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
+@pytest.mark.parametrize("loads", [True, False])
+def test_a_urdf_of_a_loaded_arm_is_as_far_from_it_as_is_said(tmp_path, loads):
+    model = pp.ErrorModel.load(PAPER_SHEET)
+    poses = pp.random_poses(model.chain, 30, seed=4).q
+    result = pp.calibrate(model, (poses, readings_of(model, poses, TRACKER)), TRACKER)
+    result.to_urdf(tmp_path / "arm.urdf", loads=loads)
+    written = pp.Chain.from_urdf(tmp_path / "arm.urdf", base=model.chain.base, tip=model.chain.tip)
+    others = pp.random_poses(model.chain, 100).q
+    x = result.components[:, None]
+    apart = [
+        written.at(q).pose[:3, 3] - at.posture.pose[:3, 3] - at.exact(x)[:3, 0]
+        for q, at in zip(others.T, result.original.at_columns(others), strict=True)
+    ]
+    said = result.urdf_error(loads=loads)
+    assert said == pytest.approx(np.sqrt((np.array(apart) ** 2).sum(axis=1).mean()), rel=1e-6)
+    assert said > 1e-4  # the weight bends the arm otherwise at other poses

@@ -45,11 +45,10 @@ def check(options: dict[str, Any]) -> None:
         "--forecast and --plan exclude each other; a plan has the forecast of its choice": len(ahead) == 2,
         f"{ahead[0] if ahead else ''} takes no data": data and ahead,
         "--criterion belongs to --plan": options["criterion"] is not None and count is None,
-        "--criterion belongs to a plan of readings, not of a datum": options["criterion"] is not None
-        and options["datum"] is not None,
         "--csv belongs to --plan": options["csv_path"] is not None and count is None,
         "the measured poses are those of the data; --at names poses to judge": data and has_poses,
         "--random and given poses exclude each other": is_given and options["random"] is not None,
+        "--urdf-without belongs to --urdf": options["urdf_without"] and options["urdf"] is None,
         "--no-prior, --only, --urdf and --sheet belong to a calibration with data": not data and (of_fit or has_sheet),
         "--sheet writes the sheet as it is in its file; write what --set changes there first": has_sheet
         and options["changes"],
@@ -88,8 +87,6 @@ def prepare(request: Asked) -> Job:
     at = list(options["at_names"]) or None
     if options["count"] is None and not options["forecast"]:
         return _fit(request, model, measurements, at)
-    if options["count"] is not None and options["datum"] not in (None, "none"):
-        return _datum_plan(request, model, measurements, at)
     ahead = _forecast if options["count"] is None else _plan
     return ahead(request, model, only_one(measurements, request.sheet.file), at)
 
@@ -146,42 +143,28 @@ def _population(request: Asked, model: ErrorModel, measurements: tuple[Measureme
 
 def _plan(request: Asked, model: ErrorModel, measurement: Measurement, at: list[str] | None) -> Job:
     from precision_pin.analyses.calibration.data import poses_csv
+    from precision_pin.analyses.calibration.datum_plan import DATUM_PLAN_STEPS, plan_datum
     from precision_pin.analyses.calibration.plan import PLAN_STEPS, plan_calibration
     from precision_pin.base.files import write_text
 
-    options, path = request.options, request.options["csv_path"]
-    poses, sheet = _measured_poses(request, model, measurement, _CANDIDATES)
-    write = partial(_write, path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q)))
-    run = partial(
-        plan_calibration, model, poses, options["count"], measurement, at=at, criterion=options["criterion"] or "task",
-        seed=options["seed"], findings=sheet.findings,
-    )  # fmt: skip
-    return _job(
-        run, "plan", write=write, is_written_first=False, steps=PLAN_STEPS, what="choosing poses",
-        unit="steps", findings=sheet.findings,
-    )  # fmt: skip
-
-
-def _datum_plan(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...], at: list[str] | None) -> Job:
-    from precision_pin.analyses.calibration.data import poses_csv
-    from precision_pin.analyses.calibration.datum_plan import DATUM_PLAN_STEPS, plan_datum
-    from precision_pin.base.files import write_text
-    from precision_pin.sheet.measurement import only_one
-
-    options, path, sheet, poses = request.options, request.options["csv_path"], request.sheet, None
-    if len(model.datums) > 1:
-        raise InputError.of("E_USAGE", f"--plan: one datum at a time, got --datum {options['datum']}")
-    measurement = only_one(measurements, sheet.file)
-    if _gives_poses(dict(options)) or options["random"] is not None:
+    options, path, count = request.options, request.options["csv_path"], request.options["count"]
+    is_for_datum = options["datum"] is not None and bool(model.datums)
+    if is_for_datum and (len(model.datums) > 1 or options["criterion"] is not None):
+        raise InputError.of("E_USAGE", "--plan --datum: one datum at a time, and without --criterion")
+    poses, sheet = None, request.sheet
+    if not is_for_datum or _gives_poses(dict(options)) or options["random"] is not None:
         poses, sheet = _measured_poses(request, model, measurement, _CANDIDATES)
-    write = partial(_write, path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q)))
-    run = partial(
-        plan_datum, model, model.datums[0], options["count"], poses, at=at, measurement=measurement,
-        seed=options["seed"], findings=sheet.findings,
-    )  # fmt: skip
+    settings: dict[str, Any] = {"at": at, "seed": options["seed"], "findings": sheet.findings}
+    if is_for_datum:
+        run: partial[Any] = partial(plan_datum, model, model.datums[0], count, poses, measurement=measurement, **settings)
+    else:
+        criterion: Any = options["criterion"] or "task"
+        run = partial(plan_calibration, model, poses, count, measurement, criterion=criterion, **settings)
     return _job(
-        run, "datum", files=lambda _: Files(), write=write, is_written_first=False, steps=DATUM_PLAN_STEPS,
-        what="choosing poses", unit="steps", findings=sheet.findings,
+        run, "datum" if is_for_datum else "plan", is_written_first=False, what="choosing poses", unit="steps",
+        write=partial(_write, path, lambda result: write_text(Path(path), poses_csv(model.chain, result.q))),
+        steps=DATUM_PLAN_STEPS if is_for_datum else PLAN_STEPS, findings=sheet.findings,
+        **({"files": lambda _: Files()} if is_for_datum else {}),
     )  # fmt: skip
 
 
@@ -197,6 +180,7 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
     from precision_pin.analyses.calibration.calibrate import calibrate
     from precision_pin.analyses.calibration.calibrated_sheet import FRAME, calibrated_sheet, measured_frame, result_name
     from precision_pin.base.files import write_files
+    from precision_pin.render.tables import milli
     from precision_pin.writers.as_built import describe_frozen
 
     options, path = request.options, request.options["sheet_path"]
@@ -219,8 +203,17 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
                     f"datum {FRAME} of {path}: errors in the frame of the readings; --datum none: in base axes"
                 )
         if options["urdf"] is not None:
-            frozen = result.to_urdf(options["urdf"])
+            has_loads = not options["urdf_without"]
+            frozen = result.to_urdf(options["urdf"], loads=has_loads)
             notes += [f"wrote {options['urdf']}", *describe_frozen(frozen, "the first pose")]
+            if frozen or not has_loads:
+                error, other = (
+                    f"{milli(result.urdf_error(loads=loads), 3)} mm" for loads in (has_loads, not has_loads)
+                )
+                notes.append(
+                    f"at random poses the URDF is {error} rms from the calibrated arm, {'without' if has_loads else 'with'} "
+                    f"loads {other}; that arm is {milli(result.rms('left out'), 3)} mm rms from left-out readings"
+                )
         return notes
 
     run = partial(
@@ -309,6 +302,7 @@ DECLARATION = Declaration(
             is_repeated=True,
         ),
         _fit_of("--urdf", "urdf", "Write the calibrated robot as a URDF.", kind=Path, metavar="FILE"),
+        _fit_of("--urdf-without", "urdf_without", "Of --urdf: leave out what loads cause.", choices=("loads",)),
         _fit_of(
             "--sheet", "sheet_path",
             "Write the sheet of the calibrated arm, for every other command, and the result next to it.",

@@ -37,12 +37,15 @@ from precision_pin.base.files import write_files
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Estimates, Space, held_at_mean
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.robot.pose_grids import random_poses
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import clopper_pearson
 from precision_pin.writers.as_built import AsBuilt
 
 _STD_ROUNDS: Final = 8
 """Largest number of rounds in which std and gross errors are estimated in turn."""
+_UNSEEN_POSES: Final = 100
+"""Random poses at which a written URDF is compared."""
 _STD_SETTLED: Final = 0.01
 """Relative change of an estimated std at which it has converged; its own interval is some 10 % wide."""
 _SEARCH_STEPS: Final = 3
@@ -175,21 +178,35 @@ class CalibrationResult(PosesOutcome):
         return se3.displaced(at.posture.pose, at.exact(self.components[:, None])[:, 0])
 
     def to_urdf(
-        self, path: str | os.PathLike[str], q: ArrayLike | Mapping[str, float] | str | None = None
+        self,
+        path: str | os.PathLike[str],
+        q: ArrayLike | Mapping[str, float] | str | None = None,
+        *,
+        loads: bool = True,
     ) -> tuple[str, ...]:
         """Write the calibrated arm as a URDF, and return the labels of the sources that hold at one pose only.
 
         What loads cause, and what changes with the pose, is written as it is at the pose ``q``, the model's first if left
-        out; everything else holds at every pose.
+        out; everything else holds at every pose. Without ``loads`` what they cause is left out.
 
         Raises:
             OutputError: The file cannot be written.
             InputError: The robot's file has changed.
         """
         name = check_path("the path of the URDF", path)
-        writer = AsBuilt.prepare(self.original, q)
+        check_flag("loads", loads)
+        writer = AsBuilt.prepare(self.original, q, loads=loads)
         write_files({name: writer.fitted(self.components)})
         return writer.frozen
+
+    def urdf_error(self, q: ArrayLike | Mapping[str, float] | str | None = None, *, loads: bool = True) -> float:
+        """Return how far the tip of the URDF of :meth:`to_urdf` is from the calibrated arm's, m, rms over 100 random poses."""
+        writer, model = AsBuilt.prepare(self.original, q, loads=loads), self.original
+        poses = random_poses(model.chain, _UNSEEN_POSES).q
+        tips, _ = writer.tips(writer.fitted(self.components), poses)
+        x = self.components[:, None]
+        arms = [se3.displaced(at.posture.pose, at.exact(x)[:, 0]) for at in model.at_columns(poses)]
+        return float(np.sqrt(((np.array(tips) - arms)[:, :3, 3] ** 2).sum(axis=1).mean()))
 
     def rms(self, which: Literal["before", "after", "left out"]) -> float:
         """Return the root mean square length (m) of the residuals of the readings that have weight."""

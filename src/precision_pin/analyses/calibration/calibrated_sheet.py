@@ -107,20 +107,14 @@ def calibrated_sheet(original: str, new: str, frame: Mapping[str, Any] | None = 
 
 def _with_frame(text: str, frame: Mapping[str, Any]) -> str:
     """Return the text of a sheet with the frame among its datums, in the place of that of a calibration before."""
-    poses = ",\n".join(f"      {json.dumps(pose)}" for pose in frame["best_fit"]["poses"])
-    lines = (
-        f"# readings: {len(frame['best_fit']['poses'])} of their poses, with the weight of all",
-        f"{FRAME}: {{best_fit: {{std: {frame['best_fit']['std']}, poses: [\n{poses}]}}}}\n",
-    )
-    if _FRAME.search(text):
-        return _FRAME.sub(lambda match: _indented(lines, match[0][: len(match[0]) - len(match[0].lstrip())]), text)
-    if _DATUMS.search(text):
-        return _DATUMS.sub(lambda match: match[0] + _indented(lines, match[1]), text)
-    return f"{text}datums:\n{_indented(lines, '  ')}"
-
-
-def _indented(lines: tuple[str, ...], space: str) -> str:
-    return "\n".join(space + line for line in lines)
+    std, poses = frame["best_fit"].values()
+    listed = ",\n".join(f"      {json.dumps(pose)}" for pose in poses)
+    entry = f"{FRAME}: {{best_fit: {{std: {std}, poses: [\n{listed}]}}}}\n"
+    comment = f"# readings: {len(poses)} of their poses, with the weight of all\n"
+    if not _DATUMS.search(text := _FRAME.sub("", text)):
+        text = re.sub(r"^datums[ \t]*:[ \t]*\n", "", text, flags=re.MULTILINE)
+        return f"{text}datums:\n  {comment}  {entry}"
+    return _DATUMS.sub(lambda match: f"{match[0]}{match[1]}{comment}{match[1]}{entry}", text)
 
 
 def _names_tables(data: object) -> bool:

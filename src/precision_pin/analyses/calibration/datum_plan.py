@@ -24,17 +24,15 @@ from precision_pin.base.arrays import Array, Keys
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
-from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
+from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.datums import Datum
 from precision_pin.robot.joint_columns import sheet_values
 from precision_pin.sheet.measurement import Measurement
 
 _STARTS: Final = 8
 """Random choices from which poses are exchanged."""
-_SWEEPS: Final = 20
-"""Sweeps over the chosen poses of one search at most."""
 _RANDOM: Final = 25
 """Random choices for comparison."""
 DATUM_PLAN_STEPS: Final = _STARTS + 1
@@ -49,7 +47,7 @@ class DatumPlan(Outcome):
 
     Attributes:
         datum: The datum with the poses chosen.
-        chosen, names, q: Candidates chosen, in their order, from 0; their names, and joint values ``(n, count)``.
+        chosen, texts, q: Candidates chosen, in their order, from 0; as in a sheet; their joint values ``(n, count)``.
         candidates, left_out: Number of candidates, and of those left out by reason.
         tasks: Names of the tasks.
         rms_position: Root mean square deviation of the position over the tasks, m: with the poses ``chosen``, with
@@ -58,45 +56,22 @@ class DatumPlan(Outcome):
 
     schema: ClassVar[str] = "precision-pin/datum-plan/1"
     KEYS: ClassVar[Keys] = (
-        *("*head", "name=datum.name", "kind=datum.kind", "candidates", "left_out", "count"),
-        *("chosen=choices", "tasks", "rms_position", "findings"),
+        *("*head", "name=datum.name", "kind=datum.kind", "candidates", "left_out", "chosen", "poses=texts"),
+        *("tasks", "rms_position", "findings"),
     )
 
     datum: Datum
     chosen: tuple[int, ...]
-    names: tuple[str, ...]
+    texts: tuple[str | list[str], ...]
     q: Array
     candidates: int
     left_out: Mapping[str, int]
     tasks: tuple[str, ...]
-    joints: tuple[str, ...]
-    slides: tuple[bool, ...]
     rms_position: Mapping[str, float]
 
-    @property
-    def count(self) -> int:
-        """Number of poses chosen."""
-        return len(self.chosen)
-
-    @property
-    def choices(self) -> list[dict[str, Any]]:
-        """Number, name and joint values of each pose, as in the JSON."""
-        return [
-            {"candidate": k, "name": name, "q": dict(zip(self.joints, q.tolist(), strict=True))}
-            for k, name, q in zip(self.chosen, self.names, self.q.T, strict=True)
-        ]
-
-    @property
-    def texts(self) -> list[str | list[str]]:
-        """The poses as in a sheet: names, or joint values."""
-        values = (sheet_values(self.joints, self.slides, q.tolist()) for q in self.q.T)
-        return [name or value for name, value in zip(self.names, values, strict=True)]
-
     def __repr__(self) -> str:
-        return (
-            f"<DatumPlan of {self.datum.name}: {self.count} of {self.candidates} poses, "
-            f"{1e3 * self.rms_position['chosen']:.3g} mm rms at the tasks>"
-        )
+        rms = f"{1e3 * self.rms_position['chosen']:.3g} mm rms at the tasks"
+        return f"<DatumPlan of {self.datum.name}: {len(self.chosen)} of {self.candidates} poses, {rms}>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,65 +79,42 @@ class _Candidates:
     """Candidates of a procedure, then its other visits, which stay.
 
     Attributes:
-        places: ``(V, 4, 4)``.
-        shared, own: A ``(V, 6, r)`` and V ``(V, 6, 6)``.
+        datum, count: The procedure with all candidates, and their number.
+        places, shared, own: ``(V, 4, 4)``, A ``(V, 6, r)`` and V ``(V, 6, 6)``.
         tasks: Pose, joint values, A and V of each task.
     """
 
-    datum: Datum
+    datum: Any
+    count: int
     places: Array
     shared: Array
     own: Array
     tasks: tuple[tuple[Array, Array, Array, Array], ...]
 
     @classmethod
-    def of(cls, model: ErrorModel, datum: Datum, tasks: Sequence[Any]) -> _Candidates:
+    def of(cls, model: ErrorModel, datum: Datum, count: int, tasks: Sequence[PoseModel]) -> _Candidates:
         """Return the candidates that are the poses of a datum."""
-        full = model.against(datum)
-        visits, space = full.procedures.visits, full.space
-        is_unit = [draw.scope is Scope.UNIT for draw in model.space.draws]
-        names = [
-            name for draw, unit in zip(model.space.draws, is_unit, strict=True) if unit for name in draw.components
-        ]
-        columns = np.array([space.index[name] for name in names], dtype=np.intp)
-        others = np.setdiff1d(np.arange(space.size), columns)
-        values, vectors = np.linalg.eigh(space.block_covariance.within(columns))
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        jacobians = [visit.at.jacobian for visit in visits]
-        own = []
-        for jacobian in jacobians:
-            used = others[jacobian[:, others].any(axis=0)]
-            own.append(jacobian[:, used] @ space.block_covariance.within(used) @ jacobian[:, used].T)
-        columns_of_model = np.array([model.space.index[name] for name in names], dtype=np.intp)
-        return cls(
-            full.datums[0],
-            np.array([visit.place for visit in visits]),
-            np.array([jacobian[:, columns] @ root for jacobian in jacobians]),
-            np.array(own),
-            tuple(
-                (
-                    at.posture.pose,
-                    at.posture.q,
-                    at.jacobian[:, columns_of_model] @ root,
-                    design.repeat_covariance(at),
-                )
-                for at in tasks
-            ),
-        )
+        full, unit = model.against(datum), design.UnitNumbers.of(model.space)
+        visits = full.procedures.visits
+        columns = [full.space.index[name] for name in unit.names]
+        shared = np.array([visit.at.jacobian[:, columns] @ unit.root for visit in visits])
+        own = np.array([visit.at.covariance for visit in visits]) - shared @ shared.swapaxes(1, 2)
+        slopes = [at.jacobian[:, unit.columns] @ unit.root for at in tasks]
+        parts = zip(tasks, slopes, strict=True)
+        entries = tuple((at.posture.pose, at.posture.q, a, at.covariance - a @ a.T) for at, a in parts)
+        return cls(full.datums[0], count, np.array([visit.place for visit in visits]), shared, own, entries)
 
     def loss(self, choice: NDArray[np.intp]) -> float:
         """Return the mean of the position's variance at the tasks, m², for some candidates; inf if they determine nothing."""
-        count = len(self.datum.poses)  # type: ignore[attr-defined]
-        rows = np.concatenate([choice, np.arange(count, len(self.places))])
-        datum = replace(self.datum, poses=tuple(self.datum.poses[k] for k in choice))  # type: ignore[attr-defined, call-arg]
+        rows = np.concatenate([choice, np.arange(self.count, len(self.places))])
+        datum = replace(self.datum, poses=tuple(self.datum.poses[k] for k in choice))
         try:
             maps = datum.maps(self.places[rows])
         except InputError:
             return np.inf
         noise, total = np.square([std for _, std in datum.noise]), 0.0
         for pose, q, by_unit, own in self.tasks:
-            gains, noise_gains = maps(pose, datum.view_of(q))
-            gains, noise_gains = gains[:, :3], noise_gains[:, :3]
+            gains, noise_gains = (part[:, :3] for part in maps(pose, datum.view_of(q)))
             slopes = by_unit[:3] + np.einsum("vij,vjk->ik", gains, self.shared[rows])
             total += float((slopes**2).sum() + np.trace(own[:3, :3]) + (noise_gains**2 * noise[:, None]).sum())
             total += float(np.einsum("vij,vjk,vik->", gains, self.own[rows], gains, optimize=True))
@@ -170,19 +122,15 @@ class _Candidates:
 
     def exchange(self, choice: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return a choice that no exchange of one pose for another improves."""
-        total = len(self.datum.poses)  # type: ignore[attr-defined]
-        best = self.loss(choice)
-        for _ in range(_SWEEPS):
+        best, before = self.loss(choice), np.nan
+        while best != before:
             before = best
             for place in range(len(choice)):
                 raise_if_interrupted()
-                for other in np.setdiff1d(np.arange(total), choice).tolist():
-                    trial = choice.copy()
-                    trial[place] = other
+                for other in np.setdiff1d(np.arange(self.count), choice):
+                    trial = np.where(np.arange(len(choice)) == place, other, choice)
                     if (loss := self.loss(trial)) < best * (1 - 1e-12):
                         choice, best = trial, loss
-            if not best < before:
-                break
         return choice
 
 
@@ -226,17 +174,15 @@ def plan_datum(
             f"datum {datum.name}: a {datum.kind} has no number of poses to choose; "
             "plan a best_fit, tool_pivot, hand_eye or eye_to_hand"
         )
-    bare = model.bare
-    given = list(datum.poses) if candidates is None else candidates
-    sees = measurement if datum.kind == "best_fit" else None
-    usable, left_out, obstructed = usable_candidates(bare, given, sees)
+    bare, given = model.bare, list(datum.poses) if candidates is None else candidates
+    usable, left_out, obstructed = usable_candidates(bare, given, measurement if datum.kind == "best_fit" else None)
     total = len(usable)
     count = check_whole(
         "the number of poses to choose", count, _LEAST, total, f"from {_LEAST} to {total}, the number of candidates"
     )
     tasks = design.task_poses(bare, at, usable.q)
-    all_of_them = replace(datum, poses=tuple(usable.q.T))  # type: ignore[call-arg]
-    pool = _Candidates.of(bare, all_of_them, [task for _, task in tasks])
+    every_pose = replace(datum, poses=tuple(usable.q.T))  # type: ignore[call-arg]
+    pool = _Candidates.of(bare, every_pose, total, [task for _, task in tasks])
     generator = np.random.default_rng(seed)
     with steps_to(progress, DATUM_PLAN_STEPS, "steps") as step:
         choices = []
@@ -249,23 +195,21 @@ def plan_datum(
         step(1)
     if not np.isfinite(losses["chosen"]):
         raise InputError(f"datum {datum.name}: no {count} of the {total} candidates tried determine it; choose more")
-    names = tuple(usable.names[k] for k in chosen)
-    q = usable.q[:, chosen]
+    chain, q, names = bare.chain, usable.q[:, chosen], [usable.names[k] for k in chosen]
+    values = (sheet_values(chain.joint_names, chain.prismatic, row.tolist()) for row in q.T)
     return DatumPlan(
         provenance=Provenance.of(bare, seed),
-        datum=replace(datum, poses=tuple(name or values for name, values in zip(names, q.T, strict=True))),  # type: ignore[call-arg]
+        datum=replace(datum, poses=tuple(q.T)),  # type: ignore[call-arg]
         chosen=tuple(map(int, chosen)),
-        names=names,
+        texts=tuple(name or value for name, value in zip(names, values, strict=True)),
         q=q,
         candidates=total,
         left_out=dict(left_out),
         tasks=tuple(name for name, _ in tasks),
-        joints=tuple(bare.chain.joint_names),
-        slides=tuple(bare.chain.prismatic),
         rms_position={which: float(np.sqrt(loss)) for which, loss in losses.items()},
         findings=(
             *findings,
-            *(bare.chain.collision_notes if left_out else ()),
+            *(chain.collision_notes if left_out else ()),
             *left_out_warnings(obstructed, left_out["hidden"]),
         ),
     )

@@ -40,7 +40,7 @@ from precision_pin.base.errors import Finding, InputError, some
 from precision_pin.base.units import Quantity
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel, in_base_axes
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
@@ -413,7 +413,6 @@ class Identifiability(Record):
         return self.rank == len(self.names) and self.nuisance_rank == len(self.nuisances)
 
 
-@in_base_axes
 def identifiability(model: ErrorModel, poses: object, measurement: Measurement | None = None) -> Identifiability:
     """Return the combinations of a model's unit-scope numbers that measurements at some poses determine.
 
@@ -436,6 +435,7 @@ def identifiability(model: ErrorModel, poses: object, measurement: Measurement |
         21 26
     """
     measurement = measurement_of(model, measurement)
+    model = model.bare
     values, _ = read_poses(model, poses)
     unit = UnitNumbers.of(model.space)
     return determined_by(stations_of(model, values, measurement), unit, measurement)

@@ -33,7 +33,7 @@ from precision_pin.base.written_units import WrittenUnit
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Estimates, Space
-from precision_pin.model.error_model import ErrorModel, in_base_axes
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import Chain
@@ -464,7 +464,6 @@ class CalibrationForecast(PosesOutcome):
 
 
 @design.on_one_thread
-@in_base_axes
 def forecast_calibration(
     model: ErrorModel,
     poses: object,
@@ -495,6 +494,7 @@ def forecast_calibration(
         24
     """
     measurement = measurement_of(model, measurement)
+    model = model.bare
     findings = check_items("findings", findings, Finding)
     values, _ = design.read_poses(model, poses)
     unit = design.UnitNumbers.of(model.space)
@@ -591,7 +591,6 @@ class SimulatedCalibrations:
 
 
 @design.on_one_thread
-@in_base_axes
 def simulate_calibrations(
     model: ErrorModel, poses: object, measurement: Measurement, *, at: object = None, robots: int = 1000, seed: int = 0
 ) -> SimulatedCalibrations:
@@ -600,6 +599,7 @@ def simulate_calibrations(
     Estimates satisfy the first-order normal equations at the means, with exact residuals. Bounds of laws are ignored.
     """
     measurement = measurement_of(model, measurement)
+    model = model.bare
     check_whole("the number of robots", robots, 1, 10**6)
     values, _ = design.read_poses(model, poses)
     unit = design.UnitNumbers.of(model.space)

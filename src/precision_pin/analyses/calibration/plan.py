@@ -37,7 +37,7 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import check_seed
-from precision_pin.model.error_model import ErrorModel, in_base_axes
+from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sheet.measurement import Measurement
 
@@ -418,7 +418,6 @@ class CalibrationPlan(PosesOutcome):
 
 
 @linear.on_one_thread
-@in_base_axes
 def plan_calibration(
     model: ErrorModel,
     candidates: object,
@@ -458,6 +457,7 @@ def plan_calibration(
         8 True
     """
     measurement = measurement_of(model, measurement)
+    model = model.bare
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)

@@ -30,7 +30,7 @@ from precision_pin.base.errors import Finding, InputError, UnitError, some, visi
 from precision_pin.base.files import write_files
 from precision_pin.base.progress import steps_to
 from precision_pin.draws.space import Space
-from precision_pin.model.error_model import ErrorModel, displaced_arm, in_base_axes
+from precision_pin.model.error_model import ErrorModel, displaced_arm
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.ur_kinematics import MODELS, UrKinematics, nominal_ur, read_ur_calibration
 from precision_pin.sheet.drawing_tolerances import TOLERANCE_PATTERN
@@ -109,7 +109,6 @@ class Population(Outcome):
 
 
 @design.on_one_thread
-@in_base_axes
 def population(
     model: ErrorModel,
     robots: Sequence[object],
@@ -153,6 +152,7 @@ def population(
         20 2
     """
     check_instance("model", model, ErrorModel, "as ErrorModel.load returns it")
+    model = model.bare
     if model.sheet is not None and model.sheet.estimates is not None:
         raise InputError(
             "the sheet is that of one calibrated robot, whose numbers say nothing about others; for tolerances of several robots "

@@ -58,8 +58,6 @@ _NAME: Final = 44
 """Maximum number of characters of a number's name."""
 _SEAT: Final = 34
 """Maximum number of characters of the name of a displaced joint or tip."""
-_MOST_TASKS: Final = 3
-"""Maximum number of tasks that are named."""
 _ROWS: Final = 8
 """Maximum number of combinations, sockets and names listed; a curve has up to two columns more."""
 _NAMED: Final = 4
@@ -180,16 +178,16 @@ def plan_table(result: CalibrationPlan) -> str:
 
 def datum_table(result: DatumPlan) -> str:
     """Return the poses at which to find a datum, as in a sheet, and the error that they leave."""
-    rms = {
-        which: "nothing" if np.isinf(value) else f"{milli(value, 3)} mm" for which, value in result.rms_position.items()
+    texts = {
+        key: f"{milli(value, 3)} mm" if value < np.inf else "nothing" for key, value in result.rms_position.items()
     }
-    left_out = ", ".join(f"{n:,} {why}" for why, n in result.left_out.items())
+    count, total, of = f"{len(result.chosen):,}", f"{result.candidates:,}", result.provenance
+    left_out = "".join(f", {n:,} {why}" for why, n in result.left_out.items())
     lines = [
-        f"find datum {visible(result.datum.name)} ({result.datum.kind}) of {_arm(result.provenance)} at {result.count:,} of "
-        f"{result.candidates:,} poses: {rms['chosen']} rms at {some(result.tasks, _MOST_TASKS)}",
-        f"with all {result.candidates:,}: {rms['all']}; with {result.count:,} random ones: {rms['random']} (median)",
-        *([f"left out before: {left_out}"] if left_out else []),
-        f"deviation of the position, first order; no single exchange is better; seed {result.provenance.seed}",
+        f"find datum {visible(result.datum.name)} ({result.datum.kind}) of {_arm(of)} at {count} of {total} poses: "
+        f"{texts['chosen']} rms at {some(result.tasks, 3)}",
+        f"with all {total}: {texts['all']}; with {count} random ones: {texts['random']} (median of 25)",
+        f"deviation of the position, first order; no exchange of one pose is better; seed {of.seed}{left_out}",
         "",
         "poses:",
         *(f"  - {json.dumps(text, ensure_ascii=False)}" for text in result.texts),
