@@ -3,8 +3,6 @@
 A UR5 calibrates its camera on a board from twelve poses, sees the part from one of them and picks it, all with the same errors.
 """
 
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -25,8 +23,8 @@ board, grasp = {"xyz": "620 120 30 mm", "rpy": "2 -3 20 deg"}, {"xyz": "50 20 10
 camera = {"on": "tool0", "camera": {"xyz": "10 -70 40 mm", "rpy": "3 -2 90 deg"}, "board": board, "grasp": grasp}
 camera |= {"poses": list(poses)[1:], "view": "v0", "noise": {"translation": "0.05 mm", "rotation": "0.25 mrad"}}
 sheet = {"precision-pin": 1, "robot": "example:ur5", "tip": "tool0", "target": "30 -20 150 mm", "poses": poses}
-Path("pick.errors.yaml").write_text(str(sheet | {"sources": sources, "datums": {"camera": {"hand_eye": camera}}}))
-model = pp.ErrorModel.load("pick.errors.yaml")
+sheet |= {"accept": {"W_MASS_ZERO": "frames"}, "sources": sources, "datums": {"camera": {"hand_eye": camera}}}
+model = pp.ErrorModel.from_dict(sheet)
 seen = model.against("camera")
 robots, others = (seen.space.sample(seed, 0, 20_000) for seed in (0, 1))
 own, other = (model.at("pick").exact(x[: model.space.size]) for x in (robots, others))

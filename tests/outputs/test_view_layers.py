@@ -251,14 +251,15 @@ def test_the_head_of_the_page_has_the_verdict_what_is_left_and_what_has_no_weigh
     monkeypatch.setattr(figure_style, "_svg", lambda _: BLANK)
     title = " ".join(calibration_figure(result).get_suptitle().split())
     assert title.endswith(".urdf: the calibration helps; the model explains the readings")
-    gain, verdict, share, left, gross = calibration_chapter(result).answers
+    gain, verdict, share, left, frame, gross = calibration_chapter(result).answers
     assert re.search(r"left-out error \S+ → \S+ mm rms", gain)  # a browser breaks lines within "->"
     assert gain.startswith("Calibration: the calibration helps: left-out error ")
     assert "within their 95 %" in share
     assert verdict.startswith("Calibration: the model explains the readings: chi-square ")
     assert "mm" in left
+    assert "mm" in frame
     assert gross.startswith(f"Calibration: 1 reading was given no weight: row {ROW}, ")
-    assert calibration_chapter(replace(result, gross_errors=())).answers == (gain, verdict, share, left)
+    assert calibration_chapter(replace(result, gross_errors=())).answers == (gain, verdict, share, left, frame)
     wrong = replace(result, gross_errors=(), chi_square=1e4)
     assert wrong.verdict == "disagrees"
     head = calibration_chapter(wrong).answers[1]
