@@ -156,7 +156,9 @@ def _plan(request: Asked, model: ErrorModel, measurement: Measurement, at: list[
         poses, sheet = _measured_poses(request, model, measurement, _CANDIDATES)
     settings: dict[str, Any] = {"at": at, "seed": options["seed"], "findings": sheet.findings}
     if is_for_datum:
-        run: partial[Any] = partial(plan_datum, model, model.datums[0], count, poses, measurement=measurement, **settings)
+        run: partial[Any] = partial(
+            plan_datum, model, model.datums[0], count, poses, measurement=measurement, **settings
+        )
     else:
         criterion: Any = options["criterion"] or "task"
         run = partial(plan_calibration, model, poses, count, measurement, criterion=criterion, **settings)
