@@ -72,7 +72,8 @@ def test_wrong_options_are_one_line_and_nothing_is_done(refused, one, monkeypatc
         wrong |= {"--q 0 --trajectory way.csv": "exclude each other", "--step 1s": "--step needs a --trajectory"}
     for option in one.own_options:
         if option.choices:
-            assert "is not one of" in refused(one.name, SHEET, option.flag, "nonsense")
+            said = "is not one of" if len(option.choices) > 1 else f"is not '{option.choices[0]}'"
+            assert said in refused(one.name, SHEET, option.flag, "nonsense")
     for words, said in wrong.items():
         assert said in refused(*asked(one), *words.split())
 
