@@ -555,11 +555,11 @@ def takes_datum(function: Callable[Parameters, Result]) -> Callable[Parameters, 
             options = {name: _against(value, datums) for name, value in options.items()}
         return function(*arguments, **options)
 
-    signature, lines = inspect.signature(function), (function.__doc__ or "").split("\n")
+    signature, lines = inspect.signature(function), inspect.cleandoc(function.__doc__ or "").split("\n")
     entry = inspect.Parameter("datum", inspect.Parameter.KEYWORD_ONLY, default=None)
     called.__signature__ = signature.replace(parameters=[*signature.parameters.values(), entry])  # type: ignore[attr-defined]
-    end = next(k for k in range(lines.index("    Args:"), len(lines)) if not lines[k].strip())
-    entry_lines = textwrap.wrap(text, 112, initial_indent=" " * 8, subsequent_indent=" " * 12)
+    end = next(k for k in range(lines.index("Args:"), len(lines)) if not lines[k].strip())
+    entry_lines = textwrap.wrap(text, 112, initial_indent=" " * 4, subsequent_indent=" " * 8)
     called.__doc__ = "\n".join([*lines[:end], *entry_lines, *lines[end:]])
     return cast("Callable[Parameters, Result]", called)
 
