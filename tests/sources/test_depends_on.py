@@ -44,6 +44,7 @@ SOURCES: list[tuple[Source, Dependence, bool]] = [
     (sources.Encoder(joint="joint2", eccentricity=1e-5, radius=0.05), "configuration", False),
     (sources.Encoder(joint="joint2", offset=TOLERANCE, amplitude=1e-4, heads=2), "chain", True),
     (sources.Encoder(joint="joint4", scale=1e-4), "configuration", False),
+    (sources.Force(at="half2", force=(5.0, TOLERANCE, 0.0), axes="link"), "chain", True),
     (sources.Frame(link="link3", x=TOLERANCE, ry=1e-3), "chain", True),
     (sources.JointCompliance(joint="joint2", compliance=1e-5), "loads", False),
     (sources.JointOffset(joint="joint2", offset=TOLERANCE), "chain", True),

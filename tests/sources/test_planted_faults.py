@@ -23,6 +23,7 @@ SIGNS = (
     Fault("joint_offset", "offset reversed", "JointValue(joint), 1.0,", "JointValue(joint), -1.0,"),
     Fault("length", "direction turned the wrong way", "se3.turn(to_place, self", "-se3.turn(to_place, self"),
     Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), gamma)", "((0, 0, 1), -gamma)"),
+    Fault("force", "pulls back", "unit * value, ()", "-unit * value, ()"),
     Fault("payload", "weight pulls up", "moments[row] = np.prod", "moments[row] = -np.prod"),
     Fault("places", "tilt reversed", "[0, -slope], [slope, 0]", "[0, slope], [-slope, 0]", "clearance"),
     Fault("places", "a carriage travels back", "return height + (float(", "return height - (float(", "clearance"),
@@ -57,6 +58,9 @@ LAWS = (
     Fault("places", "base axes for a joint's", "posture.joint_poses[joint]", "posture.joint_poses[0]", "length"),
     Fault("places", "shift and turn of a frame swapped", '"x", "y", "z", "rx"', '"rx", "y", "z", "x"', "frame"),
     Fault("joint_compliance", "another joint's torque", "torque_on(joint)", "torque_on((joint - 1) % len(posture.q))"),
+    Fault("force", "dead where it follows", 'self.axes != "base"', "False"),
+    Fault("force", "point forgotten", "+= frame[:3, :3] @", "+= 0 * frame[:3, :3] @"),
+    Fault("force", "a cube of directions", "sqrt(1.0 - height * height)", "(1.0 - height * height)"),
     Fault("joint_offset", "half of it", "JointValue(joint), 1.0,", "JointValue(joint), 0.5,"),
     Fault(
         "length",

@@ -76,20 +76,8 @@ def _loaded_terms(model: ErrorModel, posture: Posture) -> dict[str, tuple[Term, 
 
 
 def _under_wrench(posture: Posture, column: int) -> Posture:
-    """Return the posture under only a unit force along base axis 0 to 2, or a unit moment about axis 3 to 5.
-
-    A mass of 1 kg under gravity of 1 m/s² weighs 1 N. A first moment s without a mass has the moment s × g.
-    """
-    axis, link = column % 3, len(posture.chain.joints)
-    frame = posture.chain.target_placement
-    gravity, moments = np.zeros(3), np.zeros(4)
-    gravity[axis if column < 3 else (axis + 1) % 3] = 1.0
-    if column < 3:
-        moments[0] = 1.0
-    else:
-        first_moment = np.zeros(3)
-        first_moment[(axis + 2) % 3] = -1.0
-        moments[1:] = (posture.link_poses[link] @ frame)[:3, :3].T @ first_moment
-    load = Load(link, frame, posture.chain.placements[-1][:3, 3], along=False, moments=((moments, ()),))
-    chain = replace(posture.chain, gravity=gravity)
-    return replace(posture, chain=chain, loads=(load,), tilts=(), deflection=None)
+    """Return the posture under only a unit force along base axis 0 to 2, or a unit moment about axis 3 to 5."""
+    link, frame = len(posture.chain.joints), posture.chain.target_placement
+    entry = posture.chain.placements[-1][:3, 3]
+    load = Load(link, frame, entry, along=False, moments=(), wrenches=((np.eye(6)[column], ()),))
+    return replace(posture, loads=(load,), tilts=(), deflection=None)

@@ -478,7 +478,7 @@ class Posture:
         q: Joint values in chain order, ``(n[, P])``.
         joint_poses: Each joint's frame after its motion, in the base, ``(n, 4, 4[, P])``, by Pinocchio, or for many
             postures by compiled loops.
-        loads: The weights on the chain: its own, and those of sources.
+        loads: The loads on the chain: its own weights, and those of sources.
         deflection: The chain under load; ``None`` if the loads act on the undisplaced arm. It moves the loads, not the
             places.
         tilts: Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply
@@ -618,7 +618,7 @@ class Posture:
         return (self.approach or (0,) * len(self.chain.joints))[self.chain.joint_number(joint)]
 
     def with_loads(self, loads: Sequence[Load]) -> Posture:
-        """Return the posture with further weights."""
+        """Return the posture with further loads."""
         return replace(self, loads=(*self.loads, *loads)) if loads else self
 
     def with_tilts(self, tilts: Sequence[tuple[Array, Factors]]) -> Posture:

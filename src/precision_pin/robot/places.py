@@ -1,4 +1,4 @@
-"""Places on a chain, positions of the URDF's links on it, the weights that it carries, and its state under load."""
+"""Places on a chain, positions of the URDF's links on it, the loads that it carries, and its state under load."""
 
 from __future__ import annotations
 
@@ -236,22 +236,25 @@ Factors = tuple[Expression, ...]
 """Parameters whose product multiplies a number; none for a constant."""
 
 
-Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]]]
-"""A load in the base: origin of its frame; for each moment, factors, mass and first moment in base axes.
+Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]], list[tuple[Factors, Array]]]
+"""A load in the base: origin of its frame; for each moment, factors, mass and first moment; for each wrench, factors and
+the wrench ``(6[, P])``, all in base axes.
 
-The numbers are Python floats, faster than arrays for sums of three, or arrays over P postures.
+The numbers of a weight are Python floats, faster than arrays for sums of three, or arrays over P postures.
 """
 _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A weight on the chain.
+    """A load on the chain: a weight, an applied wrench, or both.
 
     Carried by chain link ``link``; ``frame`` ``(4, 4)``, that of its moments, ``attachment`` ``(3,)``, where it acts,
     and ``stretch`` ``(2, 3)`` are in the link's axes. ``along``: the weight of the link's own body, spread evenly along
     it. ``moments``: mass (kg) and first moment (kg·m) ``(4,)`` with the parameters that multiply them, to be added.
     ``stretch``: ends of its part of the link; ``None``: the whole link for a weight ``along`` it, else a point.
+    ``wrenches``: force and moment (N, N·m) at the frame's origin ``(6,)`` with the parameters that multiply them, to be
+    added. With ``turns`` they are in the frame's axes and turn with it (a follower force), else in base axes (a dead one).
     """
 
     link: int
@@ -260,6 +263,8 @@ class Load:
     along: bool
     moments: tuple[tuple[Array, Factors], ...]
     stretch: Array | None = None
+    wrenches: tuple[tuple[Array, Factors], ...] = ()
+    turns: bool = False
 
     def stretch_along(self, x: Array, length: float) -> tuple[float, float]:
         """Return the ends (m) of its stretch on a link of this direction and length, equal if it has no length."""
@@ -283,11 +288,12 @@ class Load:
         for name, shape in (("frame", (4, 4)), ("attachment", (3,)), ("stretch", (2, 3))):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, check_numbers(f"{name} of a load", value, shape))
-        moments = tuple(
-            (check_numbers("mass and first moment of a load", values, (4,)), factors)
-            for values, factors in self.moments
-        )
-        object.__setattr__(self, "moments", moments)
+        for name, what, size in (("moments", "mass and first moment", 4), ("wrenches", "force and moment", 6)):
+            checked = tuple(
+                (check_numbers(f"{what} of a load", values, (size,)), factors)
+                for values, factors in getattr(self, name)
+            )
+            object.__setattr__(self, name, checked)
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,8 +372,8 @@ def weigh(loads: Sequence[Load], carriers: Sequence[Array]) -> dict[Load, Weight
     rotated = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
     rows = iter(np.column_stack([moments[:, 0], rotated]).tolist())
     return {
-        load: (origin, [(factors, *next(rows)) for _, factors in load.moments])
-        for load, origin in zip(loads, frames[:, :3, 3].tolist(), strict=True)
+        load: (frame[:3, 3].tolist(), [(factors, *next(rows)) for _, factors in load.moments], _apply(load, frame))
+        for load, frame in zip(loads, frames, strict=True)
     }
 
 
@@ -375,13 +381,25 @@ def _weigh_at_many(load: Load, carrier: Array) -> Weight:
     """Return a load in the base at P postures with its link's axes ``(4, 4, P)``."""
     frame = se3.compose(carrier, load.frame)
     rotated = [(moments[0], se3.turn(frame[:3, :3], moments[1:]), factors) for moments, factors in load.moments]
-    return frame[:3, 3], [(factors, mass, x, y, z) for mass, (x, y, z), factors in rotated]
+    return frame[:3, 3], [(factors, mass, x, y, z) for mass, (x, y, z), factors in rotated], _apply(load, frame)
+
+
+def _apply(load: Load, frame: Array) -> list[tuple[Factors, Array]]:
+    """Return the wrenches of a load in base axes, ``(6[, P])``, with its frame in the base, ``(4, 4[, P])``."""
+    if not load.turns:
+        many = (slice(None), *[None] * (frame.ndim - 2))
+        return [(factors, wrench[many]) for wrench, factors in load.wrenches]
+    rotation = frame[:3, :3]
+    return [
+        (factors, np.concatenate([se3.turn(rotation, wrench[:3]), se3.turn(rotation, wrench[3:])]))
+        for wrench, factors in load.wrenches
+    ]
 
 
 def wrench_on(
-    weights: Iterable[Weight], gravity: Array, tilts: Sequence[tuple[Array, Factors]], point: ArrayLike
+    weights: Sequence[Weight], gravity: Array, tilts: Sequence[tuple[Array, Factors]], point: ArrayLike
 ) -> dict[Factors, Array]:
-    """Return the wrench ``(6[, P])`` of weights about a point ``(3[, P])``, base axes, by the parameters.
+    """Return the wrench ``(6[, P])`` of loads about a point ``(3[, P])``, base axes, by the parameters.
 
     ``tilts`` are contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with their parameters.
     """
@@ -389,7 +407,7 @@ def wrench_on(
     x, y, z = coordinates.tolist() if coordinates.ndim == 1 else coordinates
     # mass and first moment about the point, for each part of gravity and each set of factors
     sums: dict[tuple[int, Factors], tuple[Any, Any, Any, Any]] = {}
-    for (o_x, o_y, o_z), pieces in weights:
+    for (o_x, o_y, o_z), pieces, _ in weights:
         for part in range(1 + len(tilts)):
             for factors, mass, s_x, s_y, s_z in pieces:
                 m, h_x, h_y, h_z = sums.get((part, factors), _NOTHING)
@@ -408,6 +426,12 @@ def wrench_on(
         wrench = np.array(numbers if coordinates.ndim == 1 else np.broadcast_arrays(*numbers))
         key = (*factors, *tilting)
         total[key] = total[key] + wrench if key in total else wrench
+    for origin, _, wrenches in weights:
+        arm = np.asarray(origin) - coordinates if wrenches else coordinates
+        for factors, wrench in wrenches:
+            lever = np.cross(arm, wrench[:3], axis=0)
+            moved = np.concatenate(np.broadcast_arrays(wrench[:3], wrench[3:] + lever))
+            total[factors] = total[factors] + moved if factors in total else moved
     return total
 
 

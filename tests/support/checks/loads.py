@@ -44,6 +44,47 @@ def check_payload(module: ModuleType) -> None:
             same(by_source[JointValue(bare.joint_index(name))], [expected], 1e-12)
 
 
+def check_force(module: ModuleType) -> None:
+    # hand case: on a hinge about y at height 0, 1 m from the tool: τ_y = z F_x - x F_z + M_y
+    chain = one_link(axis=(0, 1, 0), gravity=(0.0, 0.0, 0.0))
+    flexible = JointCompliance(joint="hinge", compliance=2e-4)
+    source = module.Force(
+        at="tool",
+        force=(Uniform(10.0), 0.0, Normal(5.0, mean=-30.0)),
+        moment=(1.0, Uniform(2.0), 3.0),
+        point=(0.2, 0.1, 0.3),
+    )
+    values = {"force[tool].force": 4.0, "force[tool].force[2]": -25.0, "force[tool].moment[1]": 1.5}
+    for q in (0.0, 0.6):
+        x, z = 1.2 * np.cos(q) + 0.3 * np.sin(q), 0.3 * np.cos(q) - 1.2 * np.sin(q)
+        _, totals = evaluated(chain, [q], [source, flexible], values)
+        same(totals[JointValue(0)], [2e-4 * (z * 4.0 + x * 25.0 + 1.5)], 1e-15)
+        # in axes of the link, the joint feels the same at every angle
+        _, totals = evaluated(chain, [q], [replace(source, axes="link"), flexible], values)
+        same(totals[JointValue(0)], [2e-4 * (0.3 * 4.0 + 1.2 * 25.0 + 1.5)], 1e-15)
+    # any direction: a point of the sphere
+    random = module.Force(at="tool", magnitude=Uniform(10.0, mean=50.0), direction="any")
+    names = ("magnitude", "height", "across.x", "across.y")
+    for size, height, turn in ((45.0, 0.6, 1.0), (55.0, -0.8, -2.5)):
+        drawn = (size, height, np.cos(turn), np.sin(turn))
+        numbers = {f"force[tool].{name}": value for name, value in zip(names, drawn, strict=True)}
+        _, totals = evaluated(chain, [0.0], [random, flexible], numbers)
+        same(totals[JointValue(0)], [-2e-4 * size * height], 1e-15)
+        _, totals = evaluated(chain, [np.pi / 2], [random, flexible], numbers)
+        across = size * np.sqrt(1 - height**2)
+        same(totals[JointValue(0)], [-2e-4 * across * np.cos(turn)], 1e-15)
+    # anywhere on any arm: a dead force of 2.5 kg of weight is that payload
+    text = random_arm(15, prismatic=(4,))
+    for where in ("tool", "link3", "half2", "bracket", "finger"):
+        bare = chain_of(text, tip="tool")
+        carrying = bare.with_payload(2.5, (0.11, -0.07, 0.05), where)
+        weight = module.Force(at=where, force=tuple(2.5 * bare.gravity), point=(0.11, -0.07, 0.05))
+        for name in bare.joint_names:
+            _, by_source = evaluated(bare, Q7, [weight, JointCompliance(joint=name, compliance=1e-3)])
+            expected = 1e-3 * carrying.at(Q7).load_torque[bare.joint_index(name)]
+            same(by_source[JointValue(bare.joint_index(name))], [expected], 1e-12)
+
+
 def check_levelling(module: ModuleType) -> None:
     # 2 kg at 0.4 m along x on an upright hinge, which feels no weight until the base's y side is raised by r:
     # then it falls towards -y, the torque is -m g r 0.4

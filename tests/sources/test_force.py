@@ -1,0 +1,187 @@
+"""Applied forces: planar arms solved in closed form and robot by robot, dead and following the arm."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import root
+
+import precision_pin as pp
+from precision_pin.sources import BearingStiffness, Force, JointCompliance, Payload
+from support.plain_robot import chain_of, joint, link, random_arm, robot
+
+G = 9.81
+LINKS = {2: ((0.6, 4.0), (0.5, 3.0)), 3: ((0.5, 3.0), (0.4, 2.0), (0.3, 1.0))}
+STIFFNESS = {2: (800.0, 400.0), 3: (900.0, 600.0, 300.0)}
+
+
+def planar(count, gravity=(0.0, 0.0, -G), masses=True):
+    """Links along x, centres of mass half way, joints about -y."""
+    parts, before = [link("base")], ("base", (0.0, 0.0, 0.0))
+    for k, (length, mass) in enumerate(LINKS[count], start=1):
+        parts.append(joint(f"j{k}", "revolute", before[0], f"link{k}", before[1], (0, 0, 0), (0, -1, 0)))
+        parts.append(link(f"link{k}", mass=mass, com=(length / 2, 0, 0)) if masses else link(f"link{k}"))
+        before = (f"link{k}", (length, 0.0, 0.0))
+    return chain_of(
+        robot(*parts, joint("flange", "fixed", *[before[0], "tool"], before[1]), link("tool")), gravity=gravity
+    )
+
+
+def soft(count):
+    return [JointCompliance(joint=f"j{k}", compliance=1 / c) for k, c in enumerate(STIFFNESS[count], start=1)]
+
+
+def in_plane(numbers, **settings):
+    """Return forces by ``(F_x, F_z, moment about -y)``."""
+    x, z, moment = numbers
+    return Force(at="tool", force=(x, 0.0, z), moment=(0.0, -moment, 0.0), **settings)
+
+
+def at_rest(count, q, forces, statics):
+    model = pp.ErrorModel(planar(count), pp.Space(), [*soft(count), *forces], statics=statics)
+    return model.at(np.radians(q)).error_at_means
+
+
+def energy_gradient_rest(count, q, dead, follower):
+    """Return tip displacement and turn of the planar arm at rest, from the balance of torques in the plane."""
+    lengths, masses = np.array(LINKS[count]).T
+    stiffness, start = np.array(STIFFNESS[count]), np.radians(q)
+
+    def torques(angles):
+        sums = np.cumsum(angles)
+        along = np.array([np.cos(sums), np.sin(sums)])
+        points = np.concatenate([np.zeros((2, 1)), np.cumsum(lengths * along, axis=1)], axis=1)
+        turn = np.array([[along[0, -1], -along[1, -1]], [along[1, -1], along[0, -1]]])
+        force = np.array(dead[:2]) + turn @ follower[:2]
+        result = np.zeros(count)
+        for k in range(count):
+            arm = points[:, -1] - points[:, k]
+            result[k] = arm[0] * force[1] - arm[1] * force[0] + dead[2] + follower[2]
+            for i in range(k, count):
+                centre = (points[:, i] + points[:, i + 1]) / 2 - points[:, k]
+                result[k] -= masses[i] * G * centre[0]
+        return result, points[:, -1]
+
+    tip = torques(start)[1]
+    solution = root(lambda shift: stiffness * shift - torques(start + shift)[0], np.zeros(count), tol=1e-13).x
+    moved = torques(start + solution)[1] - tip
+    return np.array([moved[0], 0.0, moved[1], 0.0, -solution.sum(), 0.0])
+
+
+# (links, degrees, dead, follower, nominal, equilibrium): errors x, z and turn about y, from an independent code
+PLANAR = [
+    (2, (30, -50), (60, -100, 5), (-80, 40, 2),
+     (-0.0020704581260629906, -0.09313791869698518, 0.11645632693640938),
+     (0.0004011308178468731, -0.08200579769049995, 0.09849002569319229)),
+    (2, (10, 60), None, (-80, 40, 2),
+     (0.004441167669216872, -0.028990656289763383, 0.00012668895794775846),
+     (0.006092326848428309, -0.031292753685251196, 0.0031699836179247196)),
+    (3, (20, -40, 60), (30, -50, 2.5), None,
+     (0.023315495972215716, -0.1575952562617061, 0.21332357936360735),
+     (0.023506977747646873, -0.1510689212222199, 0.20608452810805516)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("count", "q", "dead", "follower", "nominal", "equilibrium"), PLANAR)
+def test_planar_arms_dead_and_following(count, q, dead, follower, nominal, equilibrium):
+    forces = [in_plane(dead)] if dead else []
+    forces += [in_plane(follower, axes="tool")] if follower else []
+    for statics, expected in (("nominal", nominal), ("equilibrium", equilibrium)):
+        error = at_rest(count, q, forces, statics)
+        assert_allclose(error[[0, 2, 4]], expected, rtol=0, atol=1e-9)
+    nothing = (0.0, 0.0, 0.0)
+    solved = energy_gradient_rest(count, q, dead or nothing, np.array(follower or nothing))
+    assert_allclose(at_rest(count, q, forces, "equilibrium"), solved, rtol=0, atol=1e-10)
+
+
+def test_two_spatial_forces_on_joints_and_bearings():
+    sources = [*soft(2), BearingStiffness(joint="j1", radial=2e7, axial=3e7, tilt=4e4)]
+    sources += [BearingStiffness(joint="j2", radial=1e7, axial=1.5e7, tilt=2e4)]
+    sources += [Force(at="tool", force=(60, -40, -100), moment=(2, 3, -1), axes="tool")]
+    sources += [Force(at="link1", point=(0.4, 0.05, 0.02), force=(10, 20, -30), moment=(0, 1, 0), axes="link")]
+    expected = {
+        "nominal": [-0.028586798817353376, -0.0013707087902655106, -0.22006948690578138, -0.00011788147460345278,
+                    0.2979311882524772, -0.0019001185039482994],
+        "equilibrium": [-0.0281884861655346, -0.0013645088029092516, -0.21572680354410761, -0.00045220209735647197,
+                        0.2934126072767244, -0.0018490979332114509],
+    }  # fmt: skip
+    for statics, errors in expected.items():
+        model = pp.ErrorModel(planar(2, gravity=(0, 0, 0)), pp.Space(), sources, statics=statics)
+        assert_allclose(model.at(np.radians([30, -50])).error_at_means, errors, rtol=0, atol=1e-9)
+
+
+def dead_weight(arm, where, mass, centre):
+    return Force(at=where, force=tuple(mass * arm.gravity), point=centre)
+
+
+@pytest.mark.parametrize("statics", ["nominal", "equilibrium"])
+def test_a_payload_is_a_dead_force_on_any_arm(statics):
+    arm = chain_of(random_arm(15, prismatic=(4,)), tip="tool")
+    q, centre = (0.3, -0.7, 1.1, 0.04, -1.3, 0.8, 0.5), (0.11, -0.07, 0.05)
+    flexible = [JointCompliance(joint=name, compliance=2e-5) for name in arm.joint_names]
+    flexible += [BearingStiffness(joint="joint2", radial=1e6, axial=2e6, tilt=1e4)]
+    errors = [
+        pp.ErrorModel(arm, pp.Space(), [*flexible, load], statics=statics).at(q).error_at_means
+        for load in (Payload(at="half2", mass=2.5, com=centre), dead_weight(arm, "half2", 2.5, centre))
+    ]
+    assert np.abs(errors[0]).max() > 1e-5
+    assert_allclose(errors[1], errors[0], rtol=1e-9, atol=1e-12)
+
+
+def test_without_masses_a_force_is_a_kilogram_under_that_gravity():
+    force = (3.0, -7.0, 5.0)
+    bare, pulled = planar(2, (0, 0, 0), masses=False), planar(2, force, masses=False)
+    for statics in ("nominal", "equilibrium"):
+        first = pp.ErrorModel(bare, pp.Space(), [*soft(2), Force(at="tool", force=force)], statics=statics)
+        second = pp.ErrorModel(pulled, pp.Space(), [*soft(2), Payload(at="tool", mass=1.0)], statics=statics)
+        errors = [model.at([0.4, -0.9]).error_at_means for model in (first, second)]
+        assert_allclose(errors[0], errors[1], rtol=1e-9, atol=1e-13)
+
+
+def test_moving_the_point_adds_the_moment_and_the_base_feels_nothing():
+    chain, force, shift = planar(2), np.array([60.0, 5.0, -90.0]), np.array([0.03, -0.02, 0.05])
+    moved = Force(at="tool", force=tuple(force), point=tuple(shift), axes="link")
+    stated = Force(at="tool", force=tuple(force), moment=tuple(np.cross(shift, force)), axes="link")
+    errors = [
+        pp.ErrorModel(chain, pp.Space(), [*soft(2), each]).at([0.4, -0.9]).error_at_means for each in (moved, stated)
+    ]
+    assert_allclose(errors[0], errors[1], rtol=1e-13)
+    alone, loaded = (
+        pp.ErrorModel(chain, pp.Space(), [*soft(2), *more]).at([0.4, -0.9]).error_at_means
+        for more in ((), (Force(at="base", force=(100.0, 0.0, 0.0)),))
+    )
+    assert (alone == loaded).all()
+
+
+def test_a_random_direction_is_uniform_on_the_sphere():
+    chain = chain_of(random_arm(3), tip="tool", gravity=(0.0, 0.0, 0.0))
+    flexible = [JointCompliance(joint=name, compliance=1e-5) for name in chain.joint_names]
+    force = Force(at="tool", magnitude=pp.Uniform(100.0, mean=500.0), direction="any")
+    model = pp.ErrorModel(chain, pp.Space(), [*flexible, force])
+    at = model.at([0.3] * len(chain.joints))
+    errors = at.exact(model.space.sample(7, 0, 20000))
+    compliance = np.einsum("ij,kj->ik", at.posture.joint_jacobian[:3], at.posture.joint_jacobian[:3]) * 1e-5
+    # E[F Fᵀ] = E[f²]/3, f² = 500² + 100²/3
+    expected = compliance @ compliance.T * (500.0**2 + 100.0**2 / 3) / 3
+    sampled = errors[:3] @ errors[:3].T / errors.shape[1]
+    # the relative standard error of a second moment of 20,000 draws is about 1 %
+    assert_allclose(sampled, expected, rtol=0.04, atol=0.04 * np.abs(expected).max())
+    run = pp.monte_carlo(model, [0.3] * len(chain.joints), samples=20000, seed=1)
+    assert_allclose(run.summary.covariance[:3, :3], expected, rtol=0.04, atol=0.04 * np.abs(expected).max())
+
+
+def test_a_force_of_any_direction_on_an_arm_at_rest():
+    # 100,000 robots of an independent code, each at its rest: mean and standard deviation of |d|, mm
+    mean, std, count = 11.931059564681284, 4.131921404596513, 100_000
+    chain = pp.Chain.from_urdf("example:ur5", tip="tool0", gravity=(0.0, 0.0, 0.0))
+    stiffness = (20000.0, 20000.0, 15000.0, 5000.0, 5000.0, 5000.0)
+    sources = [
+        JointCompliance(joint=name, compliance=pp.Uniform(0.2 / k, mean=1 / k))
+        for name, k in zip(chain.joint_names, stiffness, strict=True)
+    ]
+    sources.append(Force(at="tool0", magnitude=pp.Uniform(100.0, mean=500.0), direction="any"))
+    model = pp.ErrorModel(chain, pp.Space(), sources, statics="equilibrium")
+    errors = model.at(np.radians([30, -70, 80, -100, -90, 20])).exact(model.space.sample(5, 0, count))
+    sizes = 1e3 * np.linalg.norm(errors[:3], axis=0)
+    standard_error = std * np.sqrt(2 / count)
+    assert abs(sizes.mean() - mean) < 3 * standard_error
+    assert abs(sizes.std() - std) < 3 * standard_error  # of a law flatter than the normal: less than std / sqrt(2 n)
