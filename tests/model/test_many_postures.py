@@ -14,7 +14,7 @@ from precision_pin.terms.bound_source import BoundSource, own_draws, terms_at_ma
 from precision_pin.terms.term import JointValue
 from sources.test_depends_on import ARMS, CASES, Liar
 
-ALONE = {"backlash", "clearance"}
+ALONE = {"backlash", "clearance", "servo"}
 """Kinds whose terms may change with the side that a load presses on: they are made at one pose after another."""
 
 

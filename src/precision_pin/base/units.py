@@ -200,7 +200,8 @@ def parse_vector(text: object, *quantities: Quantity, count: int | None = None) 
     if count is not None and len(numbers) != count:
         raise UnitError(f"{str(text)!r} has {len(numbers)} numbers, expected {count}")
     for quantity in quantities:
-        if unit in quantity.units:
+        # among many quantities a bare number is a forgotten unit rather than a ratio
+        if unit in quantity.units and (unit or len(quantities) <= MOST_NAMED):
             values = [number * quantity.units[unit] for number in numbers]
             if not all(abs(value) <= LARGEST for value in values):
                 raise UnitError(f"{str(text)!r} is too large; at most {LARGEST:g} {quantity.si}".rstrip())

@@ -99,6 +99,9 @@ class ErrorModel:
         self.chain = chain
         fixed = tuple(fix_settings(source) for source in check_items("the sources", sources, Source))  # type: ignore[type-abstract]
         self.sources = bound_source.LabelledSources(fixed, bound_source.labels(fixed))
+        for source in fixed:
+            if reason := source.clash(fixed):
+                raise InputError(f"{source.label()}: {reason}")
         full_space = space.including(bound_source.own_draws(self.sources, self.labels))
         self.space = bound_source.with_quantities(full_space, self.sources, self.labels, chain)
         self.poses, self.approaches = read_poses(chain, {} if poses is None else poses)

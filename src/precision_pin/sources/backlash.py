@@ -47,6 +47,7 @@ class Backlash(Source):
         -1.87
     """
 
+    is_in_drive: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {
         "backlash": "backlash of {subject}",
         "side": "side of the backlash of {subject}",

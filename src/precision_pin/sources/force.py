@@ -60,7 +60,7 @@ class Force(Source):
         >>> compliance = pp.sources.JointCompliance(joint="joint2", compliance=1e-5)
         >>> at = pp.ErrorModel(chain, pp.Space(), [source, compliance]).at([0, 0, 0, 0])
         >>> print(round(1e3 * at.error_at_means[2], 3))
-        -7.873
+        -7.872
     """
 
     depends_on: ClassVar[Dependence] = "chain"

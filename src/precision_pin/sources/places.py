@@ -17,8 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base import se3
+from precision_pin.draws.laws import Uniform
 from precision_pin.robot.chain import Chain, Posture
-from precision_pin.terms import Array, Dependence, Factors, InputError, LabelledSpace, Place, Source, Term
+from precision_pin.terms import (
+    Array,
+    Dependence,
+    Draw,
+    Factors,
+    InputError,
+    LabelledSpace,
+    Place,
+    Scope,
+    Source,
+    Term,
+    units,
+)
 
 PadsOn = Literal["child", "parent"]
 """The link to which the pads of a prismatic joint are fixed."""
@@ -59,6 +72,11 @@ def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
         return block_diagonal((rotation @ axes).T) @ wrench
     rotations = np.einsum("ijp,jk->kip", rotation, axes)
     return np.concatenate([se3.turn(rotations, wrench[:3]), se3.turn(rotations, wrench[3:])])
+
+
+def approach_draw(joint: str) -> Draw:
+    """Return the draw, shared by the sources of a joint, of how it arrived at a visit: -1 to 1, its direction if known."""
+    return Draw(f"approach[{joint}]", Uniform(1.0), Scope.VISIT, (units.RATIO,))
 
 
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:

@@ -47,6 +47,7 @@ class Transmission(Source):
     """
 
     takes_many: ClassVar[bool] = True
+    is_in_drive: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
     words: ClassVar[Mapping[str, str]] = {
         "amplitude": "gear error of {subject}, amplitude",

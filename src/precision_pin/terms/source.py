@@ -8,7 +8,7 @@ import itertools
 import re
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Literal
@@ -240,6 +240,13 @@ class Source(ABC):
         """Return the source ``seconds`` after a cold start, with equal draws; itself if time has no effect."""
         return self
 
+    def clash(self, sources: Sequence[Source]) -> str:
+        """Return what speaks against this source beside the others of a model (default: nothing)."""
+        return ""
+
+    is_in_drive: ClassVar[bool] = False
+    """Whether its errors arise between motor and joint, so that an encoder at the joint sees them."""
+
     is_put_down: ClassVar[bool] = False
     """Whether the arm can put it down, as a payload."""
 
@@ -289,6 +296,7 @@ class Source(ABC):
         """Return the description of a setting (``rz``, ``segments[0].wall``) or of a further draw."""
         first, *parts = re.sub(r"\[(\d+)\]", lambda index: f" {int(index[1]) + 1}", setting).split(".")
         name, _, number = first.partition(" ")
+        name = name.partition("[")[0]  # of a draw that sources of one joint share
         if name in self.words and not parts:
             text = self.words[name].format(subject=self.subject, **self.settings())
             return f"{text} ({number})" if number not in ("", "1") else text

@@ -1,11 +1,16 @@
 """Drives: backlash, compliance (eq 23), encoder and transmission, by hand and by the slope of the potential energy."""
 
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Normal, Uniform
+from precision_pin.draws.space import Space
+from precision_pin.model.error_model import ErrorModel
+from precision_pin.sources.force import Force
+from precision_pin.sources.payload import Payload
 from precision_pin.terms.term import JointValue
 from support.checks.common import MM, Q7, RandomArm, evaluated, one_link, same, slanted_arm
 
@@ -119,6 +124,42 @@ def check_encoder(module: ModuleType) -> None:
         _, totals = evaluated(slide, [d], [source], values)
         expected = 5e-6 * d + 1e-7 * np.sin(2 * np.pi * d / 20e-6 - np.arctan2(0.8, 0.6))
         same(totals[JointValue(0)], [expected], 1e-15)
+
+
+def check_servo(module: ModuleType) -> None:
+    # hand case: 2 kg at 0.4 m on a hinge about y, τ = 2 · 9.81 · 0.4 = 7.848 N·m, falling is positive
+    chain, load, k, friction, mu, share = (
+        one_link(axis=(0, 1, 0), mass=2.0, com=(0.4, 0, 0)),
+        7.848,
+        50.0,
+        0.4,
+        0.1,
+        0.8,
+    )
+    servo = module.Servo(joint="hinge", stiffness=Uniform(5.0, mean=k), friction=friction, load_friction=mu)
+    for side in (1, -1):
+        at = ErrorModel(chain, Space(), [servo]).at([0.0], approach={"hinge": side})
+        same(at.error_at_means[4], (load - side * (friction + mu * load)) / k, 1e-12)
+        # a compensated load rubs as before
+        helped = replace(servo, gravity_compensation=share)
+        at = ErrorModel(chain, Space(), [helped]).at([0.0], approach={"hinge": side})
+        same(at.error_at_means[4], (load * (1 - share) - side * (friction + mu * load)) / k, 1e-12)
+        # lifted beyond balance by an applied moment, the load pulls the other way; friction follows its size
+        lifted = Force(at="tool", moment=(0.0, -10.0, 0.0))
+        at = ErrorModel(chain, Space(), [helped, lifted]).at([0.0], approach={"hinge": side})
+        same(at.error_at_means[4], (load * (1 - share) - 10 - side * (friction + mu * (10 - load))) / k, 1e-12)
+    # where the direction is unknown one number stands for it, and a random payload is compensated at its mean
+    payload = Payload(at="tool", mass=Uniform(0.2, mean=1.0))
+    values = {"approach[hinge]": 0.25, "payload[tool].mass": 1.1, "servo[hinge].stiffness": 48.0}
+    _, totals = evaluated(chain, [0.0], [helped, payload], values)
+    torque = load + 1.1 * 9.81
+    expected = torque - share * (load + 9.81) - 0.25 * (friction + mu * torque)
+    same(totals[JointValue(0)], [expected / 48.0], 1e-13)
+    alone = replace(helped, compensates="links")
+    _, totals = evaluated(chain, [0.0], [alone, payload], values)
+    same(totals[JointValue(0)], [(expected + share * 9.81) / 48.0], 1e-13)
+    _, totals = evaluated(chain, [0.0], [replace(helped, integral=True)])
+    assert not totals
 
 
 def check_transmission(module: ModuleType) -> None:
