@@ -6,6 +6,7 @@ import pytest
 from precision_pin import ErrorModel, InputError
 from precision_pin.base import se3
 from precision_pin.robot.datums import Datum
+from precision_pin.sampling.verdict_grounds import exact_findings_at
 
 SHEET = """\
 precision-pin: 1
@@ -109,3 +110,25 @@ def test_wrong_choices_of_datums(write) -> None:
         model.against("g")
     with pytest.raises(InputError, match="no datum named 'g'"):
         model.sheet.against("f,g")
+
+
+@pytest.mark.parametrize("named", ["datum: f", ""], ids=["f", "base axes"])
+@pytest.mark.parametrize("chosen", ["none", "g", "f,g"])
+def test_a_datum_of_the_command_line_takes_nothing_as_exact(write, named: str, chosen: str) -> None:
+    procedures = "datums: {f: {taught: {pose: b, touch: 0.05 mm}}, g: {taught: {pose: c, touch: 0.05 mm}}}"
+    sheet = ErrorModel.load(write(f"{SHEET}{procedures}\n{named}\n")).sheet
+
+    def model(**changes: object) -> ErrorModel:
+        """Return the model as a command makes it: --set changes the sheet before --datum chooses."""
+        changed = sheet.with_changes({f"joint_offset[{joint}].offset": law for joint, law in changes.items()})
+        return ErrorModel.from_sheet(changed.against(chosen))
+
+    wider = model(joint2={"normal": {"std": "0.2 mrad"}})
+    assert exact_findings_at(wider, wider.at("d")) == ()
+    # the part of the variance in the datum chosen; the draws of joint3, of scope visit, are made at the visits too
+    before, without = model(), model(joint3={"fixed": "0 rad"})
+    (finding,) = exact_findings_at(without, without.at("d"))
+    left, whole = (np.trace(one.at("d").covariance[:3, :3]) for one in (without, before))
+    assert finding.message.startswith(
+        f"joint_offset[joint3] is taken as exact by a change of the sheet; with this went {100 * (1 - left / whole):.3g} % "
+    )

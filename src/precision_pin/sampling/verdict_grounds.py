@@ -231,8 +231,9 @@ class _RemovedTolerances:
         if ("calibrated",) in model.sheet.contents.text.changes:
             # another calibration, or none, makes no value exact: the underlying laws count
             unchanged = replace(unchanged, estimates=None)
-            model = ErrorModel.from_sheet(replace(model.sheet, estimates=None))
-        before = ErrorModel.from_sheet(unchanged)
+            model = ErrorModel.from_sheet(replace(model.sheet, estimates=None)).against(*model.datums)
+        # changes leave the datums; a command line or an argument may have chosen others than the sheet
+        before = ErrorModel.from_sheet(unchanged).against(*model.datums)
         uses_before, uses = _uses(before), _uses(model)
         removed = sorted(uses_before - uses)
         if not removed:
@@ -241,7 +242,10 @@ class _RemovedTolerances:
         used_labels = {label for _, label in uses}
         used_names = {name for name, _ in uses}
         names = []
+        procedures = {datum.label for datum in model.datums}
         for name, label in removed:
+            if label in procedures:  # a copy of the robot's draw, made at a visit
+                continue
             if name in parameters and name not in used_names:
                 names.append(f"parameters.{name}")
             else:
