@@ -11,6 +11,8 @@ from precision_pin.kernel import sampler
 from precision_pin.robot.configurations import ApproachedPose
 from precision_pin.robot.datums import Datum
 from precision_pin.robot.examples import PAPER_SHEET
+from precision_pin.sampling import monte_carlo
+from precision_pin.sampling.one_pose import relative
 from precision_pin.sources import JointOffset
 from precision_pin.sources.backlash import Backlash
 from support.plain_robot import chain_of, random_arm
@@ -228,3 +230,21 @@ def test_correlated_draws_of_visits_are_correlated_at_each_visit() -> None:
     transport[:3, 3:] = [[0, lever[2], -lever[1]], [-lever[2], 0, lever[0]], [lever[1], -lever[0], 0]]
     there, here = model.at(pose).covariance, model.at(task).covariance
     np.testing.assert_allclose(found.covariance, here + transport @ there @ transport.T, rtol=1e-9, atol=1e-20)
+
+
+def test_what_relative_leaves_and_taught_does_not() -> None:
+    # the same robots: the turn of the taught frame, times the way from it to the work
+    chain = chain_of(random_arm(3), tip="tool")
+    offsets = [JointOffset(joint=joint.name, offset=Normal(1e-3)) for joint in chain.joints]
+    model = ErrorModel(chain, Space(), offsets)
+    place, task = 0.1 * np.ones(7), np.linspace(0.4, -0.3, 7)
+    settings = {"samples": 64, "model": "linear", "keep_samples": True}
+    difference = relative(model, task, place, **settings).errors
+    taught = monte_carlo(model.against(Datum.taught(place)), task, **settings).errors
+    turn = model.at(place).linear(model.space.sample(0, 0, 64))[3:]
+    way = chain.at(task).pose[:3, 3] - chain.at(place).pose[:3, 3]
+    np.testing.assert_allclose(difference[:3] - taught[:3], np.cross(turn, way, axis=0), atol=1e-15)
+    np.testing.assert_allclose(difference[3:], taught[3:], atol=1e-15)
+    # a base that is turned: nothing of it is left where the way turns with the frame taught
+    base = ErrorModel(chain, Space(), [JointOffset(joint=chain.joints[0].name, offset=Normal(1e-3))])
+    assert np.abs(base.against(Datum.taught(place)).at(task).jacobian).max() < 1e-12

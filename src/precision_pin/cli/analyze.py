@@ -45,7 +45,7 @@ FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*", "zo
 @shared.headed_option(
     "--relative-to",
     metavar="POSE",
-    help="Subtract the same robot's errors at this pose: a name, or joint values as in --q.",
+    help="Subtract the same robot's errors at this pose, a name or joint values as in --q; a taught frame turns too: --datum.",
 )
 @shared.headed_option(
     "--until", multiple=True, metavar='"95 % to 0.01 mm"', help="Sample until this precision is reached; repeats."
@@ -59,8 +59,8 @@ FILES: Final = ("analysis.json", "position.*", "attitude.*", "components.*", "zo
 def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
     """Sample the pose error of an arm at a pose, or of the same robots at several.
 
-    At several poses a specification is met only if it is met at every one. With --relative-to the errors are those relative to
-    another pose of the same robots: taught there, worked here.
+    At several poses a specification is met only if it is met at every one. With --relative-to the errors of the
+    same robots at another pose are subtracted; what follows a frame that is taught there and turns is a taught datum.
 
     Without arguments: the paper's arm and sheet, from inside the package. ROBOT may be example:NAME. The result does not
     depend on what samples it: threads, processes or a cluster, at one go or resumed.

@@ -394,7 +394,8 @@ def relative(
 ) -> MonteCarloResult:
     """Sample the error of robots at a pose relative to the error of the same robots at another.
 
-    A robot that is taught at ``other``, where its error enters the program, works at ``pose`` with e_p - e_q.
+    A robot whose program holds its errors at ``other`` works at ``pose`` with e_p - e_q. One that moves relative to the
+    frame taught there has d_p - d_q - δ_q × (p_p - p_q) instead: :meth:`precision_pin.Datum.taught`.
 
     Args:
         error_model: Chain, draws and sources.

@@ -72,7 +72,7 @@ DECLARATION = Declaration(
         ),
         Option(
             "--relative-to", "relative_to",
-            "Add the error relative to that at a pose where the robot is taught: a name, or joint values as for --q.",
+            "Add the error minus that at this pose, a name or joint values as for --q; a taught frame turns too: --datum.",
             metavar="POSE", is_pose=True,
         ),
         *("seed", "spec", "workers"),

@@ -483,7 +483,8 @@ def map_poses(
             :func:`precision_pin.sample_poses`. Where no joint values are known, every number is NaN.
         samples: Number of built robots to sample at every pose; ``None`` for the closed form alone.
         seed: 64-bit seed.
-        relative_to: A pose, by name or joint values, where robots are taught; adds the errors relative to it.
+        relative_to: A pose, by name or joint values; adds the errors minus those of the same robots there, as
+            :func:`precision_pin.relative`.
         specifications: Limits to judge: one or a list, each from :func:`precision_pin.specification` or its text.
         verify: Number of worst poses sampled again; with 0 nothing is sampled or judged. Not used with ``samples``.
         confidence: Confidence of every interval, and of the verdict at each single pose.
