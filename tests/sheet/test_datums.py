@@ -132,3 +132,38 @@ def test_a_datum_of_the_command_line_takes_nothing_as_exact(write, named: str, c
     assert finding.message.startswith(
         f"joint_offset[joint3] is taken as exact by a change of the sheet; with this went {100 * (1 - left / whole):.3g} % "
     )
+
+
+def test_the_poses_of_a_grid_are_read(write, folder) -> None:
+    grid = folder / "grid.yaml"
+    text = f"{SHEET}datums: {{f: {{best_fit: {{poses: grid.yaml, std: 0.02 mm}}}}}}\ndatum: f\n"
+    joints = "joints: {joint1: 0 40 deg, joint2: 5 deg, joint3: 40 80 deg, joint4: -60 deg}\n"
+    grid.write_text(joints)
+    model = ErrorModel.load(write(text))
+    visits = np.radians([[first, 5, third, -60] for first in (0, 40) for third in (40, 80)])
+    expected = model.against(Datum.best_fit(list(visits), 2e-5))
+    np.testing.assert_allclose(model.at("d").covariance, expected.at("d").covariance, rtol=1e-12, atol=1e-25)
+    # of places, by inverse kinematics: the nominal tips are those of the grid
+    grid.write_text(
+        "plane: {origin: 700 0 300 mm, u: {direction: 1 0 0, values: 0 100 mm}, v: {direction: 0 1 0, "
+        "values: 0 100 mm}}\norientations: any\n"
+    )
+    (datum,) = ErrorModel.load(write(text)).datums
+    tips = [1e3 * model.chain.at(visit).pose[:3, 3] for visit in datum.visits]
+    corners = [[700, 0, 300], [700, 100, 300], [800, 0, 300], [800, 100, 300]]
+    np.testing.assert_allclose(sorted(map(tuple, np.round(tips, 6))), corners, atol=1e-6)
+    wrong = {
+        joints.replace("5 deg", "5 mm"): "'mm'",
+        "plane: {origin: 700 0 300 mm, u: {direction: 1 0 0, values: 0 1 9 m}, v: {direction: 0 1 0, values: 0 "
+        "100 mm}}\norientations: any\n": "grid.yaml: 4 reached, 2 unreachable; a datum needs each of its poses",
+        "random: {count: 1001}\n": "grid.yaml has 1,001 poses; at most 1,000 find a datum",
+        joints.replace("0 40", " ".join(map(str, range(501)))): "grid.yaml has 1,002 poses; at most 1,000",
+    }
+    for content, message in wrong.items():
+        grid.write_text(content)
+        with pytest.raises(InputError, match=message) as caught:
+            ErrorModel.load(write(text))
+        assert len(caught.value.findings) == 1
+    grid.unlink()
+    with pytest.raises(InputError, match=r"grid\.yaml: error E_GRID: the file does not exist"):
+        ErrorModel.load(write(text))

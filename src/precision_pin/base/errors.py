@@ -112,7 +112,8 @@ class Finding:
 
     def at(self, file: str | None, line: int | None) -> Finding:
         """Return the finding with this file and line, unless it has a location."""
-        return replace(self, file=self.file or file, line=self.line if self.line is not None else line)
+        is_here = self.line is None and self.file in (None, file)  # the line is not one of another file
+        return replace(self, file=self.file or file, line=line if is_here else self.line)
 
     def accepted(self, reasons: Mapping[str, str]) -> Finding:
         """Return a warning as a note with the sheet's reason if the sheet accepts its code; else the finding itself."""

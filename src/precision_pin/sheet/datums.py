@@ -54,7 +54,9 @@ VisitEntry = str | list[str] | dict[str, str]
 class BestFitEntry(_Entry):
     """Alignment of an instrument's readings of the tip with their nominal positions."""
 
-    poses: list[VisitEntry] | None = Field(None, description="Poses that are read: names or joint values.")
+    poses: list[VisitEntry] | str | None = Field(
+        None, description="Poses that are read: names or joint values, or the file of a grid, relative to the sheet."
+    )
     random: str | None = Field(None, description="Number of random poses that are read, instead of poses.")
     std: str = Field("0 mm", description="Standard deviation of each coordinate of a reading.")
 
@@ -124,14 +126,25 @@ class DatumEntry(_Entry):
 
 
 def read_datum(
-    name: str, entry: DatumEntry, chain: Chain, poses: Mapping[str, Array], parse: Callable[[Any, Chain], Array]
+    name: str,
+    entry: DatumEntry,
+    chain: Chain,
+    poses: Mapping[str, Array],
+    parse: Callable[[Any, Chain], Array],
+    grid: Callable[[str, Chain, Mapping[str, Array]], list[Array]],
 ) -> Datum:
-    """Return a datum of a sheet; raise a :class:`SettingError` for an invalid key. ``parse`` reads joint values."""
+    """Return a datum of a sheet; raise a :class:`SettingError` for an invalid key.
+
+    Args:
+        parse, grid: Readers of joint values, and of the poses of a grid's file.
+    """
     kind = next(iter(entry.model_fields_set))
     settings = getattr(entry, kind)
     with placed(kind):
-        visits = list(getattr(settings, "poses", None) or ())
-        for number, visit in enumerate(visits):
+        written = getattr(settings, "poses", None) or ()
+        with placed("poses"):
+            visits = grid(written, chain, poses) if isinstance(written, str) else list(written)
+        for number, visit in enumerate(() if isinstance(written, str) else visits):
             if not isinstance(visit, str) or (visit not in poses and _STARTS_AS_NUMBER.match(visit)):
                 with placed("poses", number):
                     visits[number] = parse(visit, chain)
@@ -159,7 +172,7 @@ def check_datum(datum: Datum, chain: Chain, poses: Mapping[str, Array]) -> None:
 
 def _best_fit(name: str, entry: BestFitEntry, chain: Chain, poses: Mapping[str, Array]) -> Datum:
     if (entry.poses is None) == (entry.random is None):
-        raise InputError("a best_fit needs poses: [a, b, c], or random: 30")
+        raise InputError("a best_fit needs poses: [a, b, c], poses: GRID.yaml, or random: 30")
     std = _number("std", entry.std, LENGTH)
     if entry.poses is not None:
         return Datum.best_fit(entry.poses, std, name=name)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 from typing import Any, Final, cast
 
 import numpy as np
@@ -141,6 +142,8 @@ class GridEntry:
 
 LARGEST_FILE: Final = 2**20
 """Bytes of a file; a grid needs some lines, and the longest lists of coordinates that give a million poses fit."""
+MOST_VISITS: Final = 1_000
+"""Most poses of a datum: each is evaluated for every robot."""
 _KINDS: Final = ("joints", "box", "plane", "random")
 _OF_PLACES: Final = ("orientations", "branches", "reference")
 """Keys of the kinds of poses, of which a file has one, and further keys of the kinds over points."""
@@ -197,6 +200,18 @@ def read_pose_grid(path: str | os.PathLike[str], chain: Chain, poses: Mapping[st
     if threshold < 0:
         raise keys["singular_below"].wrong("singular_below: expected zero or more")
     return PoseGrid(grid.count, lambda step: grid.solve(step).with_singular_below(chain, threshold), threshold)
+
+
+def read_visits(folder: FilePath, name: str, chain: Chain, poses: Mapping[str, Array] | None = None) -> list[Array]:
+    """Return the joint values ``(n,)`` of each pose of a file in a folder; every pose must be reached."""
+    grid = read_pose_grid(folder / name, chain, poses)
+    count = grid.count or len(grid.solve(None))  # a grid over joint values is not counted, nor solved
+    if count > MOST_VISITS:
+        raise InputError(f"{name} has {count:,} poses; at most {MOST_VISITS:,} find a datum")
+    found = grid.solve(None)
+    if not found.known.all():
+        raise InputError(f"{name}: {found.counts}; a datum needs each of its poses, leave the others out")
+    return list(found.q.T)
 
 
 def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:

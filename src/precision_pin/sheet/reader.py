@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, Final, Literal
 
@@ -30,6 +31,7 @@ from precision_pin.sheet.chain_entry import Overrides, is_same_arm, parse_pose, 
 from precision_pin.sheet.changes import Change, change_text, matches, plain_data, values_at
 from precision_pin.sheet.datums import chosen_datums, read_datum
 from precision_pin.sheet.measurement import Measurement, only_one, read_measurement
+from precision_pin.sheet.pose_grid import read_visits
 from precision_pin.sheet.schema import (
     ASSUMED,
     PROVENANCE,
@@ -231,7 +233,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     datums: dict[str, Datum] = {}
     for name, procedure in document.datums.items():
         with findings.taking("datums", name):
-            datums[name] = read_datum(name, procedure, chain, poses, parse_pose)
+            datums[name] = read_datum(name, procedure, chain, poses, parse_pose, partial(read_visits, folder))
     datum: tuple[str, ...] = ()
     with findings.taking("datum"):
         datum = chosen_datums(document.datum, document.datums)
