@@ -7,8 +7,10 @@ import pytest
 
 from precision_pin import ErrorModel, Uniform
 from precision_pin.base.errors import is_note
+from precision_pin.sheet import read
 from precision_pin.sheet.sheet_lint import note_on_normal
 from precision_pin.sheet.text import read_text
+from support.plain_robot import joint, limits, link, robot
 
 SHEET = """\
 precision-pin: 1
@@ -427,3 +429,29 @@ def test_what_buckles_is_no_matter_of_accepting(load):
     soft = "  - joint_compliance: {joint: joint2, compliance: 0.1 rad/(N*m)}\naccept: {W_STATICS: small}\n"
     model = ErrorModel.from_sheet(load(upright + soft))
     assert [(one.code, one.severity) for one in model.statics_findings(model.at("up"))] == [("W_NO_REST", "warning")]
+
+
+@pytest.mark.parametrize(
+    ("axis", "base", "lines", "warns"),
+    [
+        ("1 0 0", "table", "", True),
+        ("1 0 0", "table", "gravity: none", False),
+        ("1 0 0", "table", "gravity: 9.81 0 0 m/s^2", False),  # along the axis about which it turns
+        ("0 0 1", "table", "", False),
+        ("1 0 0", "floor", "", False),
+        ("1 0 0", "table", "tip: floor", False),  # the table stands
+    ],
+)
+def test_gravity_in_a_base_that_joints_turn(write, folder, axis, base, lines, warns):
+    parts = [joint("tilt", "revolute", "floor", "table", axis=tuple(map(int, axis.split())), extra=limits(-1, 1))]
+    parts += [joint("swing", "revolute", "floor", "arm", axis=(0, 1, 0), extra=limits(-1, 1))]
+    (folder / "two.urdf").write_text(robot(*map(link, ("floor", "table", "arm")), *parts))
+    tip = "" if "tip" in lines else "tip: arm\n"
+    on = "tilt" if "tip" in lines else "swing"
+    for source, counts in (("joint_compliance", True), ("joint_offset", False)):
+        setting = "compliance: 1e-5 rad/(N*m)" if counts else "offset: ±1 mrad"
+        head = f"precision-pin: 1\nrobot: two.urdf\nbase: {base}\n{tip}{lines}\n"
+        text = f"{head}sources:\n  - {source}: {{joint: {on}, {setting}}}\n"
+        found = [(f.line, f.message) for f in read(write(text)).findings if f.code == "W_GRAVITY"]
+        assert [line for line, _ in found] == [3] * (warns and counts)
+        assert all("in axes of the base table, which tilt turns: loads" in message for _, message in found)

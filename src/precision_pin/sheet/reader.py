@@ -43,7 +43,7 @@ from precision_pin.sheet.schema import (
     used_quantities,
 )
 from precision_pin.sheet.settings import NAME, Context, NamedParameter, SettingError, parse_parameter, placed
-from precision_pin.sheet.sheet_lint import remark_on_poses, remark_on_sources
+from precision_pin.sheet.sheet_lint import remark_on_gravity, remark_on_poses, remark_on_sources
 from precision_pin.sheet.text import Path, Text, edited_yaml, read_text, written_yaml
 from precision_pin.sources import catalogue
 from precision_pin.terms.bound_source import BoundSource, labels, load_posture, own_draws
@@ -259,6 +259,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     findings.refuse()
     remark_on_sources(document, sources, names, extended, space.draws, source_draws, findings)
     remark_on_poses(document, chain, findings)
+    remark_on_gravity(chain, sources, findings)
     all_findings = (*chain_findings(chain), *findings.found)
     warnings = tuple(finding.accepted(document.accept) for finding in all_findings if finding.severity != "error")
     assumed = [k for k, o in by_source.items() if ASSUMED in {origin.kind for origin in o.values()}]

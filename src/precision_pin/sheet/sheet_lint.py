@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from precision_pin.base import units
-from precision_pin.base.errors import Finding, InputError
+from precision_pin.base.errors import Finding, InputError, visible
 from precision_pin.draws import lazy_special
 from precision_pin.draws.draw import Draw
 from precision_pin.draws.laws import Law
@@ -26,6 +26,8 @@ FEW: Final = 30
 """Measured samples below which their spread gets a warning: with 30 the true σ may still be 1.3 times that of the samples."""
 _NOMINAL: Final = 20.0
 """Standard deviations of a tolerance from its mean to 0 beyond which the mean is taken for a nominal size."""
+_LEVEL: Final = 1e-9
+"""Sine of the angle between a joint's axis and gravity that counts as none."""
 _CONFIDENCE: Final = 0.95
 """Confidence of the factor in that warning, as of the intervals of results."""
 
@@ -119,6 +121,24 @@ def remark_on_poses(document: Document, chain: Chain, findings: Findings) -> Non
         remark = pose_remark(split_pose(value, chain)[0], chain)
         if remark is not None:
             findings.warning(("poses", name), f"pose {name!r}: {remark}", "W_ANGLE_UNIT")
+
+
+def remark_on_gravity(chain: Chain, sources: Mapping[int, Source], findings: Findings) -> None:
+    """Warn of loads on a chain whose base is held by another arm or a positioner: gravity is constant in its axes."""
+    # a chain that only runs against the file stands on its base; one that runs both ways stands on a link between
+    backwards = chain.reversed_joints
+    if backwards.all() or not any(source.depends_on == "loads" for source in sources.values()):
+        return
+    axes = chain.at(np.zeros(len(chain.joints))).joint_jacobian[3:]
+    is_level = np.linalg.norm(np.cross(axes, chain.gravity, axis=0), axis=0) < _LEVEL * np.linalg.norm(chain.gravity)
+    names = [joint.name for joint, turns in zip(chain.joints, backwards & ~is_level, strict=True) if turns]
+    if not names or not chain.gravity.any():
+        return
+    message = (
+        f"gravity is constant in axes of the base {visible(chain.base)}, which {visible(names[0])} turns{_more(names)}: loads "
+        "are right at one posture of the base alone; give gravity: none, or gravity in its axes at the posture analysed"
+    )
+    findings.warning(("base",), message, "W_GRAVITY")
 
 
 def note_on_normal(text: Text, file: str) -> Finding | None:
