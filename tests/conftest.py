@@ -57,10 +57,12 @@ def _compile_all_variants():
     from precision_pin.base.compile_ahead import Job, compile_jobs
     from precision_pin.kernel import parts, sampler
 
-    variants = [(rare, linear) for rare in (None, True) for linear in (None, True)]
+    # the linear model holds its datum
+    kinds = ((None, None), (None, True), (True, None))
+    variants = [(rare, linear, datum) for rare in (None, True) for linear, datum in kinds]
     if os.environ.get("NUMBA_DISABLE_JIT") or all(sampler.is_compiled(*variant) for variant in variants):
         return
-    ahead = dict.fromkeys(job for variant in variants for job in parts.part_jobs(*variant))
+    ahead = dict.fromkeys(job for variant in variants for job in parts.part_jobs(*variant[:2]))
     functions = ("warm_up", "warm_up_poses")
     whole = [
         Job("precision_pin.kernel.sampler", function, variant, 3.5, last=True)

@@ -93,9 +93,10 @@ def test_one_compilation_serves_every_table() -> None:
 @pytest.mark.skipif(INTERPRETED, reason="nothing is compiled")
 def test_parts_compiled_ahead_are_those_that_the_loops_ask_for() -> None:
     """A part with other argument types would be compiled twice: ahead in vain, then with the loops."""
-    for variant in ((None, None), (True, None), (None, True)):
+    for variant in ((None, None), (True, None), (None, True), (None, None, True)):
         sampler.warm_up(*variant)
         sampler.warm_up_poses(*variant)
+        assert sampler.is_compiled(*variant)
     for name in PARTS:
         function = getattr(loops, name)
         ahead = {tuple(map(numba.typeof, parts.part_arguments(name, rare))) for rare in (None, True)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, reduce
 from itertools import groupby, pairwise
 from typing import Any, Final, Protocol, get_args
@@ -275,16 +275,25 @@ class AddedErrors(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class _Added:
+    """Added errors."""
+
+    visits: Sequence[ModelAtPose]
+    gains: Array
+    noise: Array
+
+
+@dataclass(frozen=True, eq=False)
 class _Terms:
-    """Terms without added errors."""
+    """Terms, optionally with added errors."""
 
     table: TermTable
     space: Space
-    datum: None = None
+    datum: _Added | None = None
 
 
-def empty_table(rare: Wanted = None) -> SamplerArrays:
-    """Return the arrays of a model without errors, optionally with a rare law."""
+def empty_table(rare: Wanted = None, datum: Wanted = None) -> SamplerArrays:
+    """Return the arrays of a model without errors, optionally with a rare law or with a datum."""
     table = TermTable(
         pose=np.eye(4),
         targets=(),
@@ -294,7 +303,10 @@ def empty_table(rare: Wanted = None) -> SamplerArrays:
         twists=np.zeros((0, 6)),
         factors=np.zeros((0, 3), dtype=np.intp),
     )
-    return convert_models([_Terms(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))])[0]
+    at = _Terms(table, Space((Draw("disc", Disc(1.0)),) if rare else ()))
+    if datum:
+        at = replace(at, datum=_Added([at], np.zeros((1, 6, 6)), np.zeros((6, at.space.size))))
+    return convert_models([at])[0]
 
 
 def convert_models(models: Sequence[ModelAtPose]) -> list[SamplerArrays]:

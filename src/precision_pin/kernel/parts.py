@@ -44,13 +44,13 @@ def part_jobs(rare: Wanted, linear: Wanted) -> list[Job]:
     return [laws, *_list_common_jobs("_displace" if linear else "_superpose")]
 
 
-def compile_parts(rare: Wanted, linear: Wanted, last: str) -> None:
+def compile_parts(rare: Wanted, linear: Wanted, datum: Wanted, last: str) -> None:
     """Compile the parts of a variant in worker processes, then run the sampler's function ``last``, which compiles the rest."""
     from precision_pin.base.jit import can_keep
     from precision_pin.kernel import loops
 
     if can_keep(loops.run):
-        job = Job("precision_pin.kernel.sampler", last, (rare, linear), _TOGETHER, last=True)
+        job = Job("precision_pin.kernel.sampler", last, (rare, linear, datum), _TOGETHER, last=True)
         compile_jobs([*part_jobs(rare, linear), job])
 
 

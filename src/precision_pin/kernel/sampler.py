@@ -236,9 +236,9 @@ def observe_blocks(
     return result
 
 
-def is_compiled(rare: loops.Wanted = None, linear: loops.Wanted = None) -> bool:
+def is_compiled(rare: loops.Wanted = None, linear: loops.Wanted = None, datum: loops.Wanted = None) -> bool:
     """Return whether a variant of the loops is compiled, in this process or presumably in the cache."""
-    layout, stage = empty_table(rare), loops.LINEAR if linear else loops.EXACT
+    layout, stage = empty_table(rare, datum), loops.LINEAR if linear else loops.EXACT
     return is_kept(loops.run, _arguments(layout, stage, _ONE_UNIT))
 
 
@@ -253,10 +253,10 @@ def variant_of(space: Space, model: Model) -> tuple[loops.Wanted, loops.Wanted]:
     return rare_laws(space), True if stage_of(model) == loops.LINEAR else None
 
 
-def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
+def warm_up(rare: loops.Wanted = None, linear: loops.Wanted = None, datum: loops.Wanted = None) -> None:
     """Compile a variant of the loops, or load it from the cache; the first sampling does so by itself."""
     # one unit of a model without errors, which has the array types of every model
-    _run(empty_table(rare), loops.LINEAR if linear else loops.EXACT, _ONE_UNIT)
+    _run(empty_table(rare, datum), loops.LINEAR if linear else loops.EXACT, _ONE_UNIT)
 
 
 # private -------------------------------------------------------------------------------------------------------------
@@ -318,9 +318,9 @@ def _run(layout: SamplerArrays, stage: int, units: _Units, **arrays: Any) -> Non
         return
     # None, not False: the code of the other model is then not compiled
     linear: loops.Wanted = True if stage == loops.LINEAR else None
-    compile_ahead = partial(compile_parts, layout.rare, linear, "warm_up")
-    has_datum = linear is None and layout.datum is not None
-    reason, unit = map(int, call(loops.run, arguments, (layout.rare, linear, has_datum), compile_ahead))
+    datum: loops.Wanted = True if linear is None and layout.datum is not None else None
+    variant = (layout.rare, linear, datum)
+    reason, unit = map(int, call(loops.run, arguments, variant, partial(compile_parts, *variant, "warm_up")))
     if reason:
         raise InputError(f"sample {units.first + unit}: {REASONS[reason]}")
 
@@ -663,9 +663,9 @@ def observe_norms(
         sketch,
         counts,
     )
-    compile_ahead = partial(compile_parts, *variant, "warm_up_poses")
-    has_datum = linear is None and joined.datum is not None
-    reason, pose, unit = map(int, call(loops.run_poses, arguments, (*variant, has_datum), compile_ahead))
+    datum: loops.Wanted = True if linear is None and joined.datum is not None else None
+    compile_ahead = partial(compile_parts, *variant, datum, "warm_up_poses")
+    reason, pose, unit = map(int, call(loops.run_poses, arguments, (*variant, datum), compile_ahead))
     if reason:
         raise InputError(f"pose {first_pose + pose}, sample {first + unit}: {REASONS[reason]}")
     return NormBlocks(
@@ -673,7 +673,7 @@ def observe_norms(
     )
 
 
-def warm_up_poses(rare: loops.Wanted = None, linear: loops.Wanted = None) -> None:
+def warm_up_poses(rare: loops.Wanted = None, linear: loops.Wanted = None, datum: loops.Wanted = None) -> None:
     """Compile a variant of the loops over poses, or load it from the cache; the first sampling does so by itself."""
     plan = Plan(np.zeros(8), np.ones(8), ())
-    observe_norms([empty_table(rare)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)
+    observe_norms([empty_table(rare, datum)], [plan], "linear" if linear else "exact", 0, 0, 1, samples=1)
