@@ -30,6 +30,8 @@ WRONG = {
     "analyze --spec '1 mm' --spec 0.5": "'0.5' has no unit: '0.5 mm' limits the position, '0.5 mrad' the attitude",
     "analyze --spec '0 mm'": "the limit must be positive",
     "analyze --spec '1 mm @ 95 mm'": "is not a unit of ratio",
+    "exact-law --spec '0.1 mm lateral'": "exact-law: error E_USAGE: no option '--spec': this command judges no limits; analyze",
+    "moments --spec 'all of: 0.2 mm, 1 mrad tilt @ 99 %'": "moments: error E_USAGE: no option '--spec': .*analyze --spec does",
     "analyze --all-poses --spec-everywhere": "--spec-everywhere needs a --spec",
     # poses and joint values
     "analyze --pose papper": "no pose named 'papper'; did you mean 'paper'?",

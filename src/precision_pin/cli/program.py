@@ -96,6 +96,8 @@ def _code() -> int:
     except click.ClickException as error:
         # one line that names the help
         message = one_line(" ".join(error.format_message().split()).rstrip("."))
+        if isinstance(error, click.NoSuchOption) and error.option_name == "--spec":
+            message = "no option '--spec': this command judges no limits; analyze --spec does"
         context = getattr(error, "ctx", None)
         path = "precision-pin" if context is None else context.command_path
         return _say(f"{path}: error E_USAGE: {message}; see {path} --help", EXIT_INPUT)
