@@ -281,6 +281,13 @@ def test_a_pivot_removes_the_shift_of_the_tool_and_cameras_keep_it() -> None:
     np.testing.assert_allclose(covariance(base, pivot), covariance(base), rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize("kind", ["hand_eye", "eye_to_hand"])
+def test_cameras_do_not_see_the_tool_behind_their_link(kind: str) -> None:
+    # a tool that is the same at all visits is absorbed by camera or board; one that moves anew at each is not
+    loose = frames({"frame": "tool"}, scope=Scope.VISIT)
+    np.testing.assert_allclose(covariance(loose, noiseless(kind)), covariance(loose), rtol=0, atol=1e-15)
+
+
 def test_taught_at_the_pose_of_the_task_leaves_visits_and_touch() -> None:
     unit_errors, visit_errors = frames({"joint": "joint2"}), frames({"joint": "joint4"}, scope=Scope.VISIT)
     (task,) = postures(unit_errors, 1, 50)
