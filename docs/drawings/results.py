@@ -1,6 +1,7 @@
 """The pictures of results on the pages, made by the commands that stand there: ``python -m docs.drawings.results``.
 
-They are matplotlib's, whose bytes change from version to version, so no test compares them.
+Names after it select figures (default: all). They are matplotlib's, whose bytes change from version to version, so no test
+compares them.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -28,6 +30,7 @@ PICTURES: Final = {
         'calibrate --forecast --point "50 30 20 mm" --random 30',
         "calibration-forecast.png",
     ),
+    "calibration-fit.png": ("calibrate.md", "calibrate rehearsal.csv", "calibration.png"),
     "map.png": ("map.md", "map example:ur5 --grid table.yaml --relative-to ready", "position.png"),
     "path.png": ("path.md", 'path 4dof.errors.yaml --grid swing.yaml --spec "75 mm @ 90 %"', "path.png"),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
@@ -35,17 +38,32 @@ PICTURES: Final = {
 """The page that holds the sheet, the command, and the picture to take, by the name of its file."""
 
 
-def main() -> None:
-    """Write every picture."""
-    for name, (page, command, picture) in PICTURES.items():
+def main(names: Sequence[str]) -> None:
+    """Write these pictures."""
+    paths = os.pathsep.join([str(PAGES.parent / "src"), os.environ.get("PYTHONPATH", "")])
+    for name in names:
+        page, command, picture = PICTURES[name]
         with tempfile.TemporaryDirectory() as folder:
             write_files(page, Path(folder))
-            words = [sys.executable, "-m", "precision_pin", *shlex.split(command), "--out", "out"]
-            paths = os.pathsep.join([str(PAGES.parent / "src"), os.environ.get("PYTHONPATH", "")])
-            subprocess.run(
-                words, cwd=folder, check=True, stdout=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": paths}
-            )
+            for line in (*earlier_commands(page, command), f"{command} --out out"):
+                subprocess.run(
+                    [sys.executable, "-m", "precision_pin", *shlex.split(line)],
+                    cwd=folder,
+                    check=True,
+                    stdout=subprocess.DEVNULL,
+                    env=os.environ | {"PYTHONPATH": paths},
+                )
             shutil.copy(Path(folder) / "out" / picture, IMAGES / name)
+
+
+def earlier_commands(page: str, command: str) -> list[str]:
+    """Return the commands that stand before a command in its block and write the files that it reads."""
+    text = (PAGES / page).read_text(encoding="utf-8")
+    for block in re.findall(r"^```console\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        lines = re.findall(r"^\$ precision-pin (.+)$", block, re.MULTILINE)
+        if matches := [index for index, line in enumerate(lines) if line.startswith(command)]:
+            return lines[: matches[0]]
+    raise ValueError(f"{page} has no command {command}")
 
 
 def write_files(page: str, folder: Path) -> None:
@@ -60,4 +78,4 @@ def write_files(page: str, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:] or list(PICTURES))
