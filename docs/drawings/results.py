@@ -31,6 +31,7 @@ PICTURES: Final = {
         "calibration-forecast.png",
     ),
     "calibration-fit.png": ("calibrate.md", "calibrate rehearsal.csv", "calibration.png"),
+    "budget.png": ("budget.md", "budget --samples 2048", "budget.png"),
     "map.png": ("map.md", "map example:ur5 --grid table.yaml --relative-to ready", "position.png"),
     "path.png": ("path.md", 'path 4dof.errors.yaml --grid swing.yaml --spec "75 mm @ 90 %"', "path.png"),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
