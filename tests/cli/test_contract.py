@@ -6,6 +6,7 @@ import pytest
 
 import precision_pin as pp
 from precision_pin.analyses.registry import declarations
+from precision_pin.cli.analyze import FILES as ANALYZE_FILES
 from precision_pin.cli.page_parts import read_parts
 from precision_pin.cli.program import load_command
 
@@ -107,6 +108,18 @@ def test_outputs_that_cannot_be_written_are_refused_before_any_work(refused, one
     ):
         if one.name != "calibrate" or not words.startswith(("--csv", "--urdf", "--sheet")):  # not with a forecast
             assert said in refused(*asked(one), *words.split())
+
+
+@every
+def test_commands_share_a_folder_without_losing_files(one):
+    # what a command may write is removed there before it writes
+    others = {pattern: pattern.replace("*", "png") for pattern in ANALYZE_FILES}
+    for other in declarations().values():
+        if other.name != one.name:
+            patterns = other.files or (f"{other.name}.*", f"{other.name}-*")
+            others |= {f"{other.name} {pattern}": pattern.replace("*", "png") for pattern in patterns}
+    for pattern in one.files or (f"{one.name}.*", f"{one.name}-*"):
+        assert not [label for label, name in others.items() if fnmatch.fnmatchcase(name, pattern)]
 
 
 @every

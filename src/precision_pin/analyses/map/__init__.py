@@ -33,8 +33,8 @@ def prepare(request: Asked) -> Job:
     def files(result: Any) -> Files:
         from precision_pin.analyses.map.figure import figure
 
-        drawn = {quantity: figure(result, quantity) for quantity in ("position", "attitude")}
-        return Files(drawn, listed="position and attitude")
+        drawn = {f"map-{quantity}": figure(result, quantity) for quantity in ("position", "attitude")}
+        return Files(drawn, listed="map-position and map-attitude")
 
     return Job(
         run,
@@ -81,7 +81,7 @@ DECLARATION = Declaration(
     ),
     prepare=prepare,
     writes=("journal", "json_path", "netcdf"),
-    files=("map.json", "position.*", "attitude.*"),
+    files=("map.json", "map-*"),
     table_name="map_table",
     part=PagePart(
         Option(
