@@ -6,6 +6,7 @@ import itertools
 import json
 import pickle
 import pkgutil
+import re
 import subprocess
 import sys
 
@@ -44,6 +45,7 @@ def test_every_public_name_is_there_and_says_what_it_is():
         thing = getattr(pp, name)
         assert name in dir(pp)
         assert inspect.getdoc(thing), name
+        assert re.search(rf"\b{name}\b", pp.__doc__), name  # in a group of help(pp)
         if inspect.isclass(thing):
             members = [member for key, member in vars(thing).items() if not key.startswith("_") and callable(member)]
             assert all(inspect.getdoc(member) for member in members), name

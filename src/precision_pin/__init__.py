@@ -6,11 +6,12 @@ Jia and Chen (MATEC Web of Conferences 35, 02013, 2015). Names are imported when
 Model: ErrorModel, Chain, Space, Draw, Scope, Correlation, Source, Term, sources, every_frame, specification, Measurement.
 Laws: Normal, Uniform, Triangular, TruncatedNormal, Lognormal, Arcsine, TwoPoint, Fixed, Empirical, Rows, Disc, Circle,
 JointNormal.
-Poses: ApproachedPose, random_poses, joint_grid, place_grid, box_places, plane_places, Orientation, read_trajectory,
+Poses: ApproachedPose, Datum, random_poses, joint_grid, place_grid, box_places, plane_places, Orientation, read_trajectory,
 inverse_kinematics, Posture, Postures, mcpc.
 Understand: monte_carlo, sample_poses, sample_approaches, relative, budget, worst_case, exact_law, reliability, moments,
 map_poses, pose_covariance, path_law; results MonteCarloResult, PosesResult.
 Decide: compare, compensate, allocate.
+Write: init, report, view, export, simulate; result Page.
 Measure: iso9283, iso9283_of, iso9283_distance, forecast_calibration, plan_calibration, calibrate, population,
 ur_calibration, identifiability.
 Other: progress, InputError, PrecisionPinError.

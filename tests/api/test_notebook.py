@@ -75,6 +75,7 @@ def test_sources_are_a_sequence_and_found_by_label():
     assert sources[1:3] == (sources[1], sources[2])
     with pytest.raises(pp.InputError, match=r"no source named 'payload'; did you mean 'payload\[tool\]'"):
         sources["payload"]
+    assert sources._ipython_key_completions_() == list(MODEL.labels)
     again = pickle.loads(pickle.dumps(sources))
     assert (again, again["payload[tool]"]) == (sources, sources["payload[tool]"])
 

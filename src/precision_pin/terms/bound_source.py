@@ -85,6 +85,9 @@ class LabelledSources(tuple[Source, ...]):
             key = self.labels.index(check_name("source", key, self.labels))
         return super().__getitem__(key)
 
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.labels)
+
 
 def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
     """Return a posture with the loads of sources and their contributions to gravity."""
