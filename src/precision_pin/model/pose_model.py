@@ -414,6 +414,29 @@ class Tangents(Fixed):
 
 def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
     """Yield the first-order models of poses in order, up to `AT_ONCE` poses at a time."""
+    for chunk in _of_one_layout(models):
+        with _check_overflow():
+            part = _multiply_out(chunk[0].space.mean, [at.table for at in chunk])
+            yield _with_datum(part, chunk)
+
+
+def arm_tangents(models: Iterable[PoseModel], x: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield errors ``(6, P)`` of :meth:`PoseModel.exact` in base axes, and their derivatives ``(6, d, P)``, at values ``(d,)``.
+
+    Poses are in order, up to `AT_ONCE` at a time. Errors are those of :meth:`PoseModel.exact`.
+    """
+    for chunk in _of_one_layout(models):
+        if len(chunk) == 1:  # the arrays of many poses do not pay
+            error = chunk[0].arm.exact(x[:, None])
+            yield error, chunk[0].jacobian_at(x, error[:, 0])[:, :, None]
+        else:
+            with _check_overflow():
+                part = _multiply_out(x, [at.table for at in chunk])
+            yield part.error, part.jacobian
+
+
+def _of_one_layout(models: Iterable[PoseModel]) -> Iterator[list[PoseModel]]:
+    """Yield models in order, up to `AT_ONCE` whose tables differ in twists and frames only."""
     remaining = iter(models)
     while chunk := list(islice(remaining, AT_ONCE)):
         while chunk:
@@ -422,9 +445,7 @@ def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
             parts = ("program", "factors", "target")
             has_layout = [all(getattr(first, part) is getattr(at.table, part) for part in parts) for at in chunk]
             count = [*has_layout, False].index(False)
-            with _check_overflow():
-                part = _multiply_out(chunk[0].space.mean, [at.table for at in chunk[:count]])
-                yield _with_datum(part, chunk[:count])
+            yield chunk[:count]
             chunk = chunk[count:]
 
 

@@ -656,13 +656,9 @@ class SetUpAlone(NamedTuple):
     @classmethod
     def of(cls, problem: fitting.Problem) -> SetUpAlone:
         """Return the fit to the readings of a problem."""
-        errors = [station.at.error_at_means[:, None] for station in problem.stations]
         nuisances = problem.start
         for _ in range(fitting.STEPS):
-            residuals = problem.residuals_of(errors, nuisances)
-            slopes = np.zeros((*problem.readings.shape, nuisances.size))
-            for station, places, error in zip(problem.stations, problem.places, errors, strict=True):
-                slopes[places] = problem.slopes_at(station, error[:, 0], nuisances).nuisances
+            residuals, _, slopes = problem.at_means(nuisances)
             by_nuisance = design.without(problem.whiten(slopes), problem.unseen_turns)
             white = problem.whiten(residuals)
             no_columns = np.zeros((len(by_nuisance), 0))

@@ -138,8 +138,8 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
     angles = 2 * np.pi * q / np.where(chain.prismatic, np.maximum(np.ptp(q, axis=1), _UNSEEN), 2 * np.pi)[:, None]
     waves = np.array([wave(order * angles) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)])
     time = visit / max(first_rows.size - 1, 1) - 0.5
-    errors, changes = np.zeros((q.shape[1], 6, len(labels))), np.zeros((*problem.readings.shape, len(labels)))
-    for station, places, _, _ in problem.at_stations:
+    errors = np.zeros((q.shape[1], 6, len(labels)))
+    for station in problem.stations:
         at, posture = station.at, station.at.posture
         torque = np.array([float(at_means(posture.torque_on(k), at.space)) for k in range(len(q))])
         for row in station.rows:
@@ -148,8 +148,7 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
             ).T
             shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]]) * time[row]
             errors[row] = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), shifts])
-        by_error = problem.slopes_at(station, at.error_at_means, nuisances).error
-        changes[places] = np.einsum("ij,ijc->ic", by_error, errors[places[0]])
+    changes = problem.at_means(nuisances)[1] @ errors
     return problem.whiten(changes), labels
 
 
@@ -199,9 +198,8 @@ def find_causes(problem: Problem, fit: Fit, q: Array, groups: NDArray[np.intp], 
     chance, likely = rank((columns.T @ residuals, information, total, degrees, known), labels, is_usable)
     causes = []
     for candidate in likely if chance <= FALSE_ALARMS else []:
-        effect, white = np.zeros(problem.readings.shape), columns[:, candidate.columns] @ candidate.mean
-        for _, places, span, noise in problem.at_stations:
-            effect[places] = noise @ (white - root @ (root.T @ white))[span]
+        white = columns[:, candidate.columns] @ candidate.mean
+        effect = problem.colour(white - root @ (root.T @ white))
         without = leave_out(problem, estimator, estimator, effect, groups)
         shifts = without.values[without.is_predicted, :3]
         owners = np.array([labels[k][1] for k in candidate.columns])

@@ -235,7 +235,8 @@ class Estimator:
             basis, covariance = np.eye(by_z.shape[1]), covariance_with_prior(by_z, by_nuisance)
         else:
             if basis is None:
-                _, values, rows = np.linalg.svd(projected, full_matrices=True)
+                triangle = np.linalg.qr(projected, mode="r") if len(projected) > projected.shape[1] else projected
+                _, values, rows = np.linalg.svd(triangle, full_matrices=True)
                 basis = rows[: int((values > WEAKEST).sum())].T
             _, triangle = np.linalg.qr(projected @ basis)
             inverse = np.linalg.pinv(triangle, rcond=1e-12)

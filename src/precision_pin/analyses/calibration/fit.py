@@ -21,7 +21,6 @@ from typing import ClassVar, Final, Literal, NamedTuple
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-import scipy.sparse
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -35,6 +34,7 @@ from precision_pin.analyses.calibration.design import (
     stations_of_data,
     without,
 )
+from precision_pin.analyses.calibration.evaluation import Evaluation, Point, solve_lower
 from precision_pin.analyses.calibration.start import REWEIGHED, first_guess, readings_in_base, reweighed_sizes
 from precision_pin.analyses.readings import Station
 from precision_pin.base import se3
@@ -43,7 +43,6 @@ from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import bounds_of
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.sheet.measurement import Slopes
 
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 STEPS: Final = 60
@@ -64,25 +63,18 @@ FARTHEST: Final = 50.0
 """Root mean square of whitened residuals of most readings beyond which data are rejected."""
 ODD: Final = 5.0
 """Root mean square of whitened residuals beyond which gross errors, and then another unit of the joint values, are sought."""
+_CELLS: Final = 4096
+"""Components of groups that are left out at once, so that memory does not grow with the readings."""
 _ALONE: Final = 1e-9
 """Fraction of a group's readings left free by the others, below which the group alone determines a combination."""
 
 
-@dataclass(frozen=True, eq=False)
-class _AtStations:
-    """The exact model at component values ``(d, 1)``: at each station the error ``(6, 1)`` and its derivative ``(6, d)``."""
+class _Block(NamedTuple):
+    """Stations ``(S,)`` where b numbers are read, and of these the place in the readings and the whitened row, ``(S, b)``."""
 
-    stations: tuple[Station, ...]
-    x: Array
-
-    @cached_property
-    def errors(self) -> list[Array]:
-        return [station.at.exact(self.x) for station in self.stations]
-
-    @cached_property
-    def jacobians(self) -> list[Array]:
-        pairs = zip(self.stations, self.errors, strict=True)
-        return [station.at.jacobian_at(self.x[:, 0], error[:, 0]) for station, error in pairs]
+    stations: NDArray[np.intp]
+    places: Places
+    white: NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +86,7 @@ class Problem:
         readings, deviations: ``(P, m)`` each; a reading of fewer numbers has zeros beyond them, as its residuals have.
         visit: Readings of one visit were taken together, ``(P,)``.
         start: First nuisances, ``(k,)``.
+        evaluation: The model at all stations, also at those that :meth:`without` omits.
     """
 
     model: ErrorModel
@@ -104,16 +97,17 @@ class Problem:
     part: NDArray[np.intp]
     visit: NDArray[np.intp]
     start: Array
+    evaluation: Evaluation
 
     @classmethod
     def of(cls, model: ErrorModel, data: CalibrationData) -> tuple[Problem, tuple[Array, ...]]:
         """Return the problem of all readings, and of each measurement the first guess of the base in its axes, ``(4, 4)``."""
         instruments = Instruments(data.measurements)
         stations = stations_of_data(model, data)
-        poses, tips = np.zeros((len(data), 4, 4)), np.zeros((len(data), 4, 4))
-        for station in stations:
-            poses[list(station.rows)] = station.at.posture.pose
-            tips[list(station.rows)] = se3.displaced(station.at.posture.pose, station.at.error_at_means)
+        evaluation = Evaluation(model.space, instruments, stations, data.part)
+        errors = evaluation.at_means[0]
+        tips = np.array([se3.displaced(*pair) for pair in zip(evaluation.poses, errors, strict=True)])
+        poses, tips = evaluation.poses[evaluation.station], tips[evaluation.station]
         bases, start = first_guess(data, tips, instruments)
         deviations = np.ones(data.readings.shape)
         for k, part in enumerate(data.measurements):
@@ -123,7 +117,7 @@ class Problem:
             reference_std = part.std if part.std_known else np.sqrt((stds**2).mean())
             deviations[rows, : part.size] = part.deviations * (stds / reference_std)[:, None]
         readings = readings_in_base(data, poses, bases)
-        return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start), bases
+        return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start, evaluation), bases
 
     @cached_property
     def unit(self) -> UnitNumbers:
@@ -167,23 +161,61 @@ class Problem:
         return masks
 
     @cached_property
+    def _by_size(self) -> list[_Block]:
+        """Stations by how many numbers are read there."""
+        sizes, starts = np.array([[span.stop - span.start, span.start] for span in self.spans]).T
+        blocks = []
+        for size in np.unique(sizes).tolist():
+            stations = np.flatnonzero(sizes == size)
+            rows, columns = np.array([self.places[k] for k in stations]).swapaxes(0, 1)
+            blocks.append(_Block(stations, (rows, columns), starts[stations, None] + np.arange(size)))
+        return blocks
+
+    @cached_property
+    def _noise_stacks(self) -> list[Array]:
+        """Covariance of the numbers read at each station, ``(S, b, b)``, as of :meth:`Station.noise`."""
+        by_error, (_, scopes) = self.at_means(self.start)[1], self.evaluation.at_means
+        noises = []
+        for block in self._by_size:
+            rows, slopes = block.places[0], by_error[block.places]
+            stations = self.evaluation.station[rows[:, 0]]
+            visit, pose = (
+                slopes @ scopes[scope][stations] @ slopes.swapaxes(1, 2) for scope in (Scope.VISIT, Scope.POSE)
+            )
+            visits, noise = self.visit[rows], np.zeros((*rows.shape, rows.shape[1]))
+            noise[:, range(rows.shape[1]), range(rows.shape[1])] = self.deviations[block.places] ** 2
+            noises.append(noise + visit * (visits[:, :, None] == visits[:, None]) + pose)
+        return noises
+
+    @cached_property
+    def _root_stacks(self) -> list[Array]:
+        try:
+            return [np.asarray(np.linalg.cholesky(noise), dtype=float) for noise in self._noise_stacks]
+        except np.linalg.LinAlgError:
+            by_error = self.at_means(self.start)[1]
+            for station, places in zip(self.stations, self.places, strict=True):
+                station.noise_root(by_error[places], self.deviations[places] ** 2, self.visit[places[0]])
+            raise
+
+    @cached_property
+    def noises(self) -> tuple[Array, ...]:
+        """Covariance of the numbers read at each station."""
+        return self._by_station(self._noise_stacks)
+
+    @cached_property
     def roots(self) -> tuple[Array, ...]:
         """Lower root of the noise of each station's readings."""
-        return tuple(
-            station.noise_root(
-                self.slopes_at(station, station.at.error_at_means, self.start).error,
-                self.deviations[places] ** 2,
-                self.visit[places[0]],
-            )
-            for station, places in zip(self.stations, self.places, strict=True)
-        )
+        return self._by_station(self._root_stacks)
 
-    def slopes_at(self, station: Station, error: Array, nuisances: Array) -> Slopes:
-        """Return the derivatives of all numbers read at a station, ``(M, 6)`` and ``(M, k)``, where the tip's error is given."""
-        parts = self.part[list(station.rows)].tolist()
-        pose = station.at.posture.pose
-        part_slopes = {part: self.instruments.slopes(part, pose, error, nuisances) for part in dict.fromkeys(parts)}
-        return Slopes(*(np.concatenate(blocks) for blocks in zip(*(part_slopes[part] for part in parts), strict=True)))
+    def _by_station(self, stacks: list[Array]) -> tuple[Array, ...]:
+        order = np.argsort(np.concatenate([block.stations for block in self._by_size]))
+        matrices = [matrix for stack in stacks for matrix in stack]
+        return tuple(matrices[k] for k in order)
+
+    def at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
+        """Return, with the means of the sheet, residuals ``(P, m)``, and derivatives by the tip's error and the nuisances."""
+        values, by_error, by_nuisance = self.evaluation.predictions_at_means(nuisances)
+        return self._less(values), by_error, by_nuisance
 
     @cached_property
     def unseen_turns(self) -> Array:
@@ -212,62 +244,64 @@ class Problem:
         reduced = (Station(part.at, tuple(row for row in part.rows if row not in rows)) for part in self.stations)
         return replace(self, stations=tuple(part for part in reduced if part.rows))
 
-    @cached_property
-    def _cached_points(self) -> list[_AtStations]:
-        return []
-
-    def _points_at(self, z: Array) -> _AtStations:
-        """Return the model at z; the last one is cached, since residuals and derivatives are evaluated at the same z."""
-        x = self.unit.components(self.model.space, z[:, None])
-        if not self._cached_points or self._cached_points[0].x.tobytes() != x.tobytes():
-            self._cached_points[:] = [_AtStations(self.stations, x)]
-        return self._cached_points[0]
+    def _point(self, z: Array, nuisances: Array) -> Point:
+        x = self.unit.components(self.model.space, z[:, None])[:, 0]
+        return self.evaluation.at(x, self.unit.columns, nuisances)
 
     def residuals(self, z: Array, nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``."""
-        return self.residuals_of(self._points_at(z).errors, nuisances)
+        return self._less(self._point(z, nuisances).values)
 
-    def residuals_of(self, errors: list[Array], nuisances: Array) -> Array:
-        """Return readings less predictions, ``(P, m)``, for the error ``(6, 1)`` at each station."""
-        result = np.zeros_like(self.readings)
-        for station, error in zip(self.stations, errors, strict=True):
-            pose = station.at.posture.pose
-            predicted: dict[int, Array] = {}
-            for row in station.rows:
-                part = int(self.part[row])
-                measurement, values = (self.instruments.parts[part], nuisances[self.instruments.columns[part], None])
-                if part not in predicted:
-                    predicted[part] = measurement.predict(pose, error, values)
-                reading = self.readings[row, : measurement.size, None]
-                result[row, : measurement.size] = measurement.residual(reading, predicted[part])[:, 0]
+    def _less(self, values: Array) -> Array:
+        result, rows = np.zeros_like(self.readings), np.concatenate([station.rows for station in self.stations])
+        for number, part in enumerate(self.instruments.parts):
+            of_part = rows[self.part[rows] == number]
+            readings, predicted = (array[of_part, : part.size].T for array in (self.readings, values))
+            result[of_part, : part.size] = part.residual(readings, predicted).T
         return result
 
     def whiten(self, values: Array) -> Array:
         """Return ``R^(-1/2)`` times ``(P, m, …)``, as ``(M, …)`` with the rows of each station together."""
-        white = np.concatenate(
-            [
-                scipy.linalg.solve_triangular(root, values[places].reshape(len(root), -1), lower=True)
-                for places, root in zip(self.places, self.roots, strict=True)
-            ]
+        white = np.empty((self.spans[-1].stop, *values.shape[2:]))
+        for block, root in zip(self._by_size, self._root_stacks, strict=True):
+            of_block = values[block.places]
+            white[block.white] = solve_lower(root, of_block.reshape(*block.white.shape, -1)).reshape(of_block.shape)
+        return white
+
+    def colour(self, white: Array) -> Array:
+        """Return ``R^(1/2)`` times ``(M, …)``, as ``(P, m, …)``: the inverse of :meth:`whiten`."""
+        values = np.zeros((*self.readings.shape, *white.shape[1:]))
+        for block, root in zip(self._by_size, self._root_stacks, strict=True):
+            values[block.places] = np.einsum("sij,sj...->si...", root, white[block.white])
+        return values
+
+    def precision(self, white: Array) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
+        """Return ``R^(-1/2)ᵀ`` times ``(M, …)``; the rows of R⁻¹ in stations ``(M, b)``, their places and stations."""
+        shape = len(white), max(block.white.shape[1] for block in self._by_size)
+        result, inverses, place, station = (
+            np.empty_like(white),
+            np.zeros(shape),
+            np.empty(shape[0], int),
+            np.empty(shape[0], int),
         )
-        return white[:, 0] if values.ndim == 2 else white
+        for block, root in zip(self._by_size, self._root_stacks, strict=True):
+            size = root.shape[1]
+            inverse = solve_lower(root, np.broadcast_to(np.eye(size), root.shape))
+            result[block.white] = np.einsum("sji,sj...->si...", inverse, white[block.white])
+            inverses[block.white, :size] = inverse.swapaxes(1, 2) @ inverse
+            place[block.white], station[block.white] = np.arange(size), block.stations[:, None]
+        return result, inverses, place, station
 
     def slopes(self, z: Array, nuisances: Array, *, plain: bool = False) -> tuple[Array, Array]:
         """Return whitened derivatives of the readings by z (plain: by each number over its prior std) and by the nuisances."""
+        by_number, by_nuisance = np.split(self._point(z, nuisances).derivatives, [self.unit.columns.size], axis=2)
         root = np.diag(self.unit.std) if plain else self.unit.root
-        size = root.shape[1]
-        derivatives = np.zeros((*self.readings.shape, size + nuisances.size))
-        at = self._points_at(z)
-        for station, places, error, jacobian in zip(self.stations, self.places, at.errors, at.jacobians, strict=True):
-            parts = self.slopes_at(station, error[:, 0], nuisances)
-            derivatives[places] = np.hstack([parts.error @ jacobian[:, self.unit.columns] @ root, parts.nuisances])
-        white = self.whiten(derivatives)
-        return white[:, :size], without(white[:, size:], self.unseen_turns)
+        return self.whiten(by_number @ root), without(self.whiten(by_nuisance), self.unseen_turns)
 
     @property
     def spread(self) -> float:
         """Standard deviation of the places of the nominal tip along each axis, m."""
-        points = np.array([station.at.posture.pose[:3, 3] for station in self.stations])
+        points = self.evaluation.poses[self.evaluation.station[[station.rows[0] for station in self.stations]], :3, 3]
         return float(np.sqrt(((points - points.mean(axis=0)) ** 2).mean()))
 
     @cached_property
@@ -317,10 +351,10 @@ class Problem:
         estimator, result = fit.estimator, np.zeros_like(self.readings)
         is_whole = len(estimator.by_z) == self.spans[-1].stop
         white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(fit.z, fit.nuisances)
-        for _, places, span, root in self.at_stations:
-            slopes = root @ np.hstack([part[span] for part in white])
-            variances = (root**2).sum(axis=1) + np.einsum("ij,jk,ik->i", slopes, estimator.joint_covariance, slopes)
-            result[places] = np.sqrt(variances)
+        slopes = self.colour(np.hstack(white))
+        variances = np.einsum("pmj,jk,pmk->pm", slopes, estimator.joint_covariance, slopes, optimize=True)
+        for block, root in zip(self._by_size, self._root_stacks, strict=True):
+            result[block.places] = np.sqrt((root**2).sum(axis=2) + variances[block.places])
         return result
 
 
@@ -470,46 +504,64 @@ def leave_out(
     times its rows of R⁻¹ r, and that inverse is their covariance. They are those of ``local``, their covariance that of
     ``estimator``: a number that stops at a bound follows no reading, but is not known.
     """
-    shape = residuals.shape
-    inverses = (scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True) for root in problem.roots)
-    inverse = scipy.sparse.block_diag([scipy.sparse.coo_array(matrix) for matrix in inverses], format="csr")
-    pull, noise = inverse.T @ problem.whiten(residuals), (inverse.T @ inverse).tocsr()
-    throughs = [inverse.T @ part.leverage_root() for part in (estimator, *([] if local is estimator else [local]))]
+    shape, parts = residuals.shape, [estimator, *([] if local is estimator else [local])]
+    pull, noise, row, station = problem.precision(problem.whiten(residuals))
+    throughs = [problem.precision(part.leverage_root())[0] for part in parts]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
     result = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
     shared, squares, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
-    for group in np.unique(groups[rows]):
-        cells = np.flatnonzero(groups[rows] == group)
-        block = noise[cells][:, cells].toarray()
-        covariances, checks = zip(*(_group_covariance(block, through[cells]) for through in throughs), strict=True)
-        residual, scale = covariances[-1] @ pull[cells], 1 / np.sqrt(np.diag(block))
+    for cells in _cells_of_groups(groups[rows], rows):
+        is_same = station[cells][:, :, None] == station[cells][:, None]
+        block = np.where(is_same, noise[cells[:, :, None], row[cells][:, None]], 0.0)
+        covariances, checks = zip(*(_group_covariances(block, through[cells]) for through in throughs), strict=True)
+        is_predicted = np.all(checks, axis=0)
+        residual = (covariances[-1] @ pull[cells][:, :, None])[:, :, 0]
+        scale = 1 / np.sqrt(np.diagonal(block, axis1=1, axis2=2))
         result.values[rows[cells], columns[cells]] = residual
-        result.std[rows[cells], columns[cells]] = np.sqrt(np.diag(covariances[0]))
-        for row in np.unique(rows[cells]):
-            is_of_row = rows[cells] == row
-            unit, white = scale[is_of_row], residual[is_of_row] / scale[is_of_row]
-            covariance = covariances[0][np.ix_(is_of_row, is_of_row)] / np.outer(unit, unit)
+        result.std[rows[cells], columns[cells]] = np.sqrt(np.diagonal(covariances[0], axis1=1, axis2=2))
+        readings = np.split(np.arange(cells.shape[1]), np.flatnonzero(np.diff(rows[cells[0]])) + 1)
+        for of_row in readings:
+            unit = scale[:, of_row]
+            white = residual[:, of_row] / unit
+            covariance = covariances[0][:, of_row[:, None], of_row] / (unit[:, :, None] * unit[:, None])
             precision = np.linalg.pinv(covariance, rcond=1e-9, hermitian=True)
-            result.distance[row] = max(float(white @ precision @ white), 0.0)
-            result.is_predicted[row] = all(checks)
-        if all(checks):
-            # of u and v, left out and white, the covariance is V_u V_vᵀ: the sum of its squares over all pairs is that of ΣVᵀV
-            spread, weight = (throughs[0][cells].T @ covariances[0] @ throughs[0][cells], np.unique(rows[cells]).size)
-            shared += weight / np.sqrt(cells.size) * spread
-            squares += weight**2 * (1 - (spread**2).sum() / cells.size)
-            count += weight
+            row_numbers = rows[cells[:, of_row[0]]]
+            result.distance[row_numbers] = np.maximum(np.einsum("gi,gij,gj->g", white, precision, white), 0.0)
+            result.is_predicted[row_numbers] = is_predicted
+        # of u and v, left out and white, the covariance is V_u V_vᵀ: the sum of its squares over all pairs is that of ΣVᵀV
+        through, covariance = throughs[0][cells[is_predicted]], covariances[0][is_predicted]
+        size, weight, spread = cells.shape[1], len(readings), covariance @ through
+        products = through @ spread.swapaxes(1, 2)
+        flat = (-1, through.shape[2])
+        shared += weight / np.sqrt(size) * (through.reshape(flat).T @ spread.reshape(flat))
+        squares += weight**2 * float((1 - np.einsum("gij,gji->g", products, products) / size).sum())
+        count += weight * len(through)
     return result._replace(trials=count**2 / (squares + float((shared**2).sum())) if count else 0.0)
 
 
-def _group_covariance(block: Array, through: Array) -> tuple[Array, bool]:
-    """Return the covariance of a left-out group, and whether the others determine all of it."""
+def _cells_of_groups(groups: NDArray[np.intp], rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """Yield the components ``(G, g)`` of groups whose readings have the same numbers of components."""
+    order = np.argsort(groups, kind="stable")
+    members = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
+    alike: dict[bytes, list[NDArray[np.intp]]] = {}
+    for cells in members:
+        alike.setdefault(np.diff(rows[cells]).astype(bool).tobytes(), []).append(cells)
+    for same in alike.values():
+        at_once = max(_CELLS // len(same[0]), 1)
+        yield from (np.array(same[k : k + at_once]) for k in range(0, len(same), at_once))
+
+
+def _group_covariances(blocks: Array, through: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the covariances ``(G, g, g)`` of left-out groups, and whether the others determine all of each."""
     # scaled to each component's precision, since lengths and angles are mixed
-    scale = np.sqrt(np.diag(block))
-    values, vectors = np.linalg.eigh((block - through @ through.T) / np.outer(scale, scale))
+    scale = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
+    scaled = (blocks - through @ through.swapaxes(1, 2)) / (scale[:, :, None] * scale[:, None])
+    values, vectors = np.linalg.eigh(scaled)
     # what a group alone determines has no residual
     is_determined = values > _ALONE
-    vectors = vectors[:, is_determined] / scale[:, None]
-    return (vectors / values[is_determined]) @ vectors.T, bool(is_determined.all())
+    vectors = vectors * is_determined[:, None] / scale[:, :, None]
+    covariances = (vectors / np.where(is_determined, values, 1.0)[:, None]) @ vectors.swapaxes(1, 2)
+    return covariances, np.asarray(is_determined.all(axis=1))
 
 
 DOUBTFUL: Final = 1e-3
@@ -551,19 +603,30 @@ def model_warnings(problem: Problem, fit: Fit, chance: float | None, *, has_prio
         yield Finding("warning", "W_NO_REPEATABILITY", message)
 
 
+def _visit_numbers(problem: Problem) -> Iterator[NDArray[np.bool_]]:
+    """Yield which readings ``(P,)`` were taken at the first visit of their pose, at the second, and so on."""
+    number = np.full(len(problem.readings), -1)
+    for station in problem.stations:
+        rows = list(station.rows)
+        number[rows] = np.unique(problem.visit[rows], return_inverse=True)[1]
+    yield from (number == k for k in range(number.max() + 1))
+
+
 def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     """Return the joint whose error explains residuals best, and the ratio of its squares to the expected ones."""
-    white = problem.whiten(problem.residuals(fit.z, fit.nuisances))
-    projector = fit.estimator.residual_projector()
-    values, expected = np.zeros((2, len(problem.model.chain.joints)))
-    for station, places, rows, root in problem.at_stations:
-        by_error = problem.slopes_at(station, station.at.error_at_means, fit.nuisances).error
-        by_joint = by_error @ station.at.posture.joint_jacobian
-        for visit in np.unique(problem.visit[places[0]]):
-            by_visit = np.where((problem.visit[places[0]] == visit)[:, None], by_joint, 0.0)
-            along = np.linalg.solve(root, by_visit)
-            values += (along.T @ white[rows]) ** 2
-            expected += np.einsum("ij,ik,kj->j", along, projector[rows, rows], along)
+    white, leverage = problem.whiten(problem.residuals(fit.z, fit.nuisances)), fit.estimator.leverage_root()
+    count = len(problem.model.chain.joints)
+    values, expected = np.zeros((2, count))
+    by_error, by_joint = problem.at_means(fit.nuisances)[1], np.zeros((*problem.readings.shape, count))
+    for station, places in zip(problem.stations, problem.places, strict=True):
+        by_joint[places] = by_error[places] @ station.at.posture.joint_jacobian
+    starts = [span.start for span in problem.spans]
+    for visit in _visit_numbers(problem):
+        along = problem.whiten(np.where(visit[:, None, None], by_joint, 0.0))
+        values += (np.add.reduceat(along * white[:, None], starts) ** 2).sum(axis=0)
+        expected += (along**2).sum(axis=0)
+        for joint in range(count):
+            expected[joint] -= (np.add.reduceat(along[:, joint, None] * leverage, starts) ** 2).sum()
     ratio = values / np.where(expected > 0, expected, np.inf)
     suspect = int(np.argmax(ratio))
     return problem.model.chain.joint_names[suspect], float(ratio[suspect])
@@ -736,12 +799,10 @@ def _blocks(
     basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
     random = by_z if has_prior else by_z[:, :0]
     white, blocks = np.hstack([random, basis, readings[:, None]]), []
-    for station, places, span, root in problem.at_stations:
-        slopes = problem.slopes_at(station, station.at.error_at_means, problem.start)
+    for (_, places, span, root), noise in zip(problem.at_stations, problem.noises, strict=True):
         variances = problem.deviations[places] ** 2
         per_kind = np.array([np.diag(variances * mask[places]) for mask in masks])
-        known_noise = station.noise(slopes.error, variances, problem.visit[places[0]]) - per_kind.sum(axis=0)
-        blocks.append((known_noise, per_kind, root @ white[span]))
+        blocks.append((noise - per_kind.sum(axis=0), per_kind, root @ white[span]))
     return blocks, random.shape[1]
 
 

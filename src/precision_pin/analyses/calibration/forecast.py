@@ -19,6 +19,7 @@ from scipy import special
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, repeat_covariance
+from precision_pin.analyses.calibration.evaluation import Evaluation
 from precision_pin.analyses.calibration.fit import LEVEL, Problem
 from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.analyses.provenance import Provenance
@@ -611,7 +612,8 @@ def simulate_calibrations(
     deviations = np.tile(measurement.deviations, (len(readings), 1))
     indices = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
     instruments, start = design.Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
-    roots = Problem(model, instruments, stations, readings, deviations, *indices, start).roots
+    evaluation = Evaluation(model.space, instruments, stations, indices[0])
+    roots = Problem(model, instruments, stations, readings, deviations, *indices, start, evaluation).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
 
     def whitened_residuals() -> Array:

@@ -1,0 +1,174 @@
+"""The readings of all poses at a point of the fit: predictions, residuals and derivatives, computed for many poses at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from precision_pin.analyses.calibration.design import Instruments
+from precision_pin.analyses.readings import Station
+from precision_pin.base import se3
+from precision_pin.base.arrays import Array
+from precision_pin.draws.draw import Scope
+from precision_pin.draws.space import Space
+from precision_pin.model.pose_model import arm_tangents, tangents
+from precision_pin.sheet.measurement import Measurement
+
+
+class Predictions(NamedTuple):
+    """Predicted readings ``(N, m)``, and their derivatives by the tip's error ``(N, m, 6)`` and the nuisances ``(N, m, k)``."""
+
+    values: Array
+    by_error: Array
+    by_nuisance: Array
+
+
+def predict_many(measurement: Measurement, poses: Array, errors: Array, nuisances: Array) -> Predictions:
+    """Return what :meth:`Measurement.predict` and :meth:`Measurement.slopes` return, at poses ``(N, 4, 4)``.
+
+    The tip's errors are ``(N, 6)``, the nuisances ``(k,)``.
+    """
+    if measurement.place is not None:  # contacts are few
+        column = nuisances[:, None]
+        pairs = list(zip(poses, errors, strict=True))
+        slopes = [measurement.slopes(pose, error, nuisances) for pose, error in pairs]
+        return Predictions(
+            np.array([measurement.predict(pose, error[:, None], column)[:, 0] for pose, error in pairs]),
+            np.array([part.error for part in slopes]),
+            np.array([part.nuisances for part in slopes]),
+        )
+    count, size = len(poses), measurement.size
+    shift, base_rotation, offset, target_rotation = measurement.split(nuisances[:, None])
+    turns = np.ascontiguousarray(errors[:, 3:].T)
+    nominal, tilt = poses[:, :3, :3], _first(se3.left_jacobian(turns))
+    rotation = np.eye(3) if base_rotation is None else se3.exp_rotation(base_rotation[:, 0])
+    attitude = _first(se3.exp_rotation(turns)) @ nominal
+    arm = attitude @ offset[:, 0]
+    inner = poses[:, :3, 3] + errors[:, :3] + arm
+    attitude = rotation @ attitude
+    values, by_error = np.zeros((count, size)), np.zeros((count, 6, 6))
+    values[:, :3] = inner @ rotation.T + shift[:, 0]
+    by_error[:, :3, :3], by_error[:, 3:, 3:] = rotation, rotation @ tilt
+    by_error[:, :3, 3:] = -rotation @ _skew(arm) @ tilt
+    parts = [np.zeros((count, 6, 0))]
+    if base_rotation is not None:
+        by_rotation, by_base = se3.left_jacobian(base_rotation[:, 0]), np.zeros((count, 6, 6))
+        by_base[:, :3, :3], by_base[:, 3:, 3:] = np.eye(3), by_rotation
+        by_base[:, :3, 3:] = -_skew(inner @ rotation.T) @ by_rotation
+        parts.append(by_base)
+    if not measurement.target_known:
+        by_target = np.zeros((count, 6, 3 if target_rotation is None else 6))
+        by_target[:, :3, :3] = attitude
+        if target_rotation is not None:
+            by_target[:, 3:, 3:] = attitude @ se3.left_jacobian(target_rotation[:, 0])
+        parts.append(by_target)
+    if size > 3:
+        seen = attitude if target_rotation is None else attitude @ se3.exp_rotation(target_rotation[:, 0])
+        values[:, 3:] = se3.log_rotation(np.moveaxis(seen @ nominal.swapaxes(1, 2), 0, -1)).T
+    return Predictions(values, by_error[:, :size], np.concatenate(parts, axis=2)[:, :size])
+
+
+def _first(stack: Array) -> Array:
+    return np.moveaxis(stack, -1, 0)
+
+
+def _skew(vectors: Array) -> Array:
+    return _first(se3.skew(vectors.T))
+
+
+def solve_lower(roots: Array, values: Array) -> Array:
+    """Return ``root⁻¹ values`` for lower triangular roots ``(S, b, b)`` and values ``(S, b, n)``."""
+    result = np.empty_like(values)
+    for k in range(roots.shape[1]):
+        above = np.einsum("sj,sjn->sn", roots[:, k, :k], result[:, :k])
+        result[:, k] = (values[:, k] - above) / roots[:, k, k, None]
+    return result
+
+
+class Point(NamedTuple):
+    """Predicted readings ``(P, m)``, and their derivatives by c components of the space and by the nuisances.
+
+    ``derivatives`` are ``(P, m, c + k)``.
+    """
+
+    values: Array
+    derivatives: Array
+
+
+class Evaluation:
+    """The exact model at the stations of P readings; the last point is kept, since fits without some readings share it.
+
+    Attributes:
+        poses: Nominal tip of each station, ``(S, 4, 4)``.
+        station: Number of the station of each reading, ``(P,)``, -1 for none.
+    """
+
+    def __init__(
+        self, space: Space, instruments: Instruments, stations: Sequence[Station], part: NDArray[np.intp]
+    ) -> None:
+        self._space, self._instruments, self._part = space, instruments, part
+        self._shape = len(part), max(measurement.size for measurement in instruments.parts)
+        self._models = [station.at for station in stations]
+        self.poses = np.array([at.posture.pose for at in self._models]).reshape(-1, 4, 4)
+        self.station = np.full(len(part), -1)
+        for number, station in enumerate(stations):
+            self.station[list(station.rows)] = number
+        self._rows = np.argsort(self.station, kind="stable")
+        self._last: tuple[bytes, Point] = (b"", Point(self.poses, self.poses))
+
+    @cached_property
+    def at_means(self) -> tuple[Array, dict[Scope, Array]]:
+        """The error at the means at each station, ``(S, 6)``, and its covariances by numbers of scope visit and pose."""
+        errors, covariances = [], dict[Scope, list[Array]]()
+        for chunk in tangents(self._models):
+            errors.append(chunk.error.T)
+            for scope in (Scope.VISIT, Scope.POSE):
+                columns = np.flatnonzero(self._space.has_scope(scope))
+                slopes = _first(chunk.jacobian[:, columns])
+                covariance = slopes @ self._space.block_covariance.within(columns) @ slopes.swapaxes(1, 2)
+                covariances.setdefault(scope, []).append(covariance)
+        return np.concatenate(errors), {scope: np.concatenate(parts) for scope, parts in covariances.items()}
+
+    def predictions_at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
+        """Return predictions ``(P, m)`` and derivatives by the tip's error and the nuisances, with the means of the sheet."""
+        values, by_error = np.zeros(self._shape), np.zeros((*self._shape, 6))
+        by_nuisance = np.zeros((*self._shape, nuisances.size))
+        for rows, columns, of_rows in self._predict(self.at_means[0], 0, nuisances):
+            size = of_rows.values.shape[1]
+            values[rows, :size], by_error[rows, :size] = of_rows.values, of_rows.by_error
+            by_nuisance[rows[:, None], :size, columns] = of_rows.by_nuisance.swapaxes(1, 2)
+        return values, by_error, by_nuisance
+
+    def at(self, x: Array, components: NDArray[np.intp], nuisances: Array) -> Point:
+        """Return predictions and derivatives by some components, at component values ``(d,)`` and nuisances ``(k,)``."""
+        key = x.tobytes() + nuisances.tobytes()
+        if self._last[0] != key:
+            first, count = 0, components.size
+            point = Point(np.zeros(self._shape), np.zeros((*self._shape, count + nuisances.size)))
+            for errors, jacobian in arm_tangents(self._models, x):
+                by_component = _first(jacobian[:, components])
+                for rows, columns, of_rows in self._predict(errors.T, first, nuisances):
+                    size = of_rows.values.shape[1]
+                    point.values[rows, :size] = of_rows.values
+                    slopes = of_rows.by_error @ by_component[self.station[rows] - first]
+                    point.derivatives[rows, :size, :count] = slopes
+                    point.derivatives[rows[:, None], :size, count + columns] = of_rows.by_nuisance.swapaxes(1, 2)
+                first += errors.shape[1]
+            self._last = key, point
+        return self._last[1]
+
+    def _predict(
+        self, errors: Array, first: int, nuisances: Array
+    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Predictions]]:
+        """Yield for each measurement its rows at stations from ``first`` on, its nuisances and predictions."""
+        begin, end = np.searchsorted(self.station[self._rows], (first, first + len(errors)))
+        chunk = self._rows[begin:end]
+        for number in np.unique(self._part[chunk]).tolist():
+            rows, columns = chunk[self._part[chunk] == number], self._instruments.columns[number]
+            stations, part = self.station[rows], self._instruments.parts[number]
+            of_rows = predict_many(part, self.poses[stations], errors[stations - first], nuisances[columns])
+            yield rows, columns, of_rows
