@@ -32,7 +32,7 @@ from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.readings import Station, measurement_of, scope_covariance, stations_of
+from precision_pin.analyses.readings import Station, measurement_of, stations_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array, Keys, Record
@@ -115,9 +115,11 @@ class UnitNumbers:
         return x
 
 
-def repeat_covariance(at: PoseModel) -> Array:
-    """Return the covariance ``(6, 6)`` of the tip's error by pose- and visit-scope numbers, which no fit removes."""
-    return sum((scope_covariance(at, scope) for scope in (Scope.POSE, Scope.VISIT)), np.zeros((6, 6)))
+def scope_covariances(space: Space, scope: Scope, jacobians: Array) -> Array:
+    """Return the covariances ``(N, 6, 6)`` of the tip's error by the numbers of a scope, for derivatives ``(N, 6, d)``."""
+    columns = np.flatnonzero(space.has_scope(scope))
+    slopes = jacobians[:, :, columns]
+    return np.asarray(slopes @ space.block_covariance.within(columns) @ slopes.swapaxes(1, 2))
 
 
 def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]]:

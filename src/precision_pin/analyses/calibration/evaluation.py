@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from precision_pin.analyses.calibration.design import Instruments
+from precision_pin.analyses.calibration.design import Instruments, scope_covariances
 from precision_pin.analyses.readings import Station
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
@@ -127,9 +127,7 @@ class Evaluation:
         for chunk in tangents(self._models):
             errors.append(chunk.error.T)
             for scope in (Scope.VISIT, Scope.POSE):
-                columns = np.flatnonzero(self._space.has_scope(scope))
-                slopes = _first(chunk.jacobian[:, columns])
-                covariance = slopes @ self._space.block_covariance.within(columns) @ slopes.swapaxes(1, 2)
+                covariance = scope_covariances(self._space, scope, _first(chunk.jacobian))
                 covariances.setdefault(scope, []).append(covariance)
         return np.concatenate(errors), {scope: np.concatenate(parts) for scope, parts in covariances.items()}
 

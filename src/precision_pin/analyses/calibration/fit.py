@@ -532,8 +532,7 @@ def leave_out(
         through, covariance = throughs[0][cells[is_predicted]], covariances[0][is_predicted]
         size, weight, spread = cells.shape[1], len(readings), covariance @ through
         products = through @ spread.swapaxes(1, 2)
-        flat = (-1, through.shape[2])
-        shared += weight / np.sqrt(size) * (through.reshape(flat).T @ spread.reshape(flat))
+        shared += weight / np.sqrt(size) * np.tensordot(through, spread, axes=([0, 1], [0, 1]))
         squares += weight**2 * float((1 - np.einsum("gij,gji->g", products, products) / size).sum())
         count += weight * len(through)
     return result._replace(trials=count**2 / (squares + float((shared**2).sum())) if count else 0.0)

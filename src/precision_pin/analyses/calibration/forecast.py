@@ -18,7 +18,7 @@ import scipy.linalg
 from scipy import special
 
 from precision_pin.analyses.calibration import design
-from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, repeat_covariance
+from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, scope_covariances
 from precision_pin.analyses.calibration.evaluation import Evaluation
 from precision_pin.analyses.calibration.fit import LEVEL, Problem
 from precision_pin.analyses.number_law import NormalNorm
@@ -31,11 +31,12 @@ from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
 from precision_pin.base.written_units import WrittenUnit
+from precision_pin.draws.draw import Scope
 from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Estimates, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel
+from precision_pin.model.pose_model import PoseModel, tangents
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_grids import random_poses
@@ -222,11 +223,13 @@ class SampledRobots(NamedTuple):
         noise = np.random.default_rng(_SEED).standard_normal((len(joint), ROBOTS))
         return cls(deviations, z, through @ z + (vectors * np.sqrt(np.maximum(values, 0.0))) @ noise)
 
-    def sizes(self, at: PoseModel, unit: UnitNumbers, slopes: Array, by_both: Array) -> dict[str, Array]:
-        """Return ``sampled`` of :class:`ErrorLeft`, given the derivatives by z, and by z and the nuisances."""
+    def sizes(
+        self, error: Array, jacobian: Array, unit: UnitNumbers, slopes: Array, by_both: Array
+    ) -> dict[str, Array]:
+        """Return ``sampled`` of :class:`ErrorLeft`, given the derivatives by all numbers, by z, and by z and the nuisances."""
         repeated = np.delete(np.arange(len(self.deviations)), unit.columns)
-        floor = at.jacobian[:, repeated] @ self.deviations[repeated]
-        before = at.error_at_means[:, None] + slopes @ self.z + floor
+        floor = jacobian[:, repeated] @ self.deviations[repeated]
+        before = error[:, None] + slopes @ self.z + floor
         after, seen = (derivatives @ self.errors[: derivatives.shape[1]] + floor for derivatives in (slopes, by_both))
         errors = np.array([before, after, seen, floor]).reshape(4, 2, 3, -1)
         return dict(zip(ERRORS, np.sort(np.sqrt((errors**2).sum(axis=2)), axis=2), strict=True))
@@ -236,21 +239,28 @@ def errors_left(
     tasks: Iterable[tuple[str, PoseModel]], unit: UnitNumbers, estimator: Estimator, displaces_base: bool, space: Space
 ) -> tuple[ErrorLeft, ...]:
     """Return the error at each named pose before and after; the first six nuisances may displace the base."""
-    robots, entries = SampledRobots.of(space, unit, estimator), []
-    for name, at in tasks:
-        slopes, floor, chain = at.jacobian[:, unit.columns] @ unit.root, repeat_covariance(at), at.posture.chain
+    robots, entries, named = SampledRobots.of(space, unit, estimator), [], list(tasks)
+
+    def at_means() -> Iterator[tuple[Array, Array, Array]]:
+        for chunk in tangents([at for _, at in named]):
+            jacobians = np.ascontiguousarray(np.moveaxis(chunk.jacobian, -1, 0))
+            repeats = scope_covariances(space, Scope.POSE, jacobians) + scope_covariances(space, Scope.VISIT, jacobians)
+            yield from zip(chunk.error.T, jacobians, repeats, strict=True)
+
+    for (name, at), (error, jacobian, floor) in zip(named, at_means(), strict=True):
+        slopes, chain = jacobian[:, unit.columns] @ unit.root, at.posture.chain
         after = slopes @ estimator.covariance @ slopes.T + floor
         seen, by_both = after, slopes
         if displaces_base:
             base = np.eye(6)
-            base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + at.error_at_means[:3])
+            base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + error[:3])
             by_both = np.hstack([slopes, base])
             rows = by_both.shape[1]
             seen = by_both @ estimator.joint_covariance[:rows, :rows] @ by_both.T + floor
         q = dict(zip(chain.joint_names, map(float, at.posture.q), strict=True))
         sliding = tuple(compress(chain.joint_names, chain.prismatic))
-        sampled = {} if robots is None else robots.sizes(at, unit, slopes, by_both)
-        before, covariance_before = at.error_at_means, slopes @ slopes.T + floor
+        sampled = {} if robots is None else robots.sizes(error, jacobian, unit, slopes, by_both)
+        before, covariance_before = error.copy(), slopes @ slopes.T + floor
         entries.append(ErrorLeft(name, q, sliding, before, covariance_before, after, seen, floor, sampled))
     return tuple(entries)
 

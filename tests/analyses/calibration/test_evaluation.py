@@ -1,0 +1,129 @@
+"""Readings of many poses at once, against one pose at a time."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import precision_pin as pp
+from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
+from precision_pin.analyses.calibration.data import read_data
+from precision_pin.analyses.calibration.design import Estimator
+from precision_pin.analyses.calibration.evaluation import predict_many, solve_lower
+from precision_pin.analyses.calibration.fit import Problem
+from precision_pin.base import se3
+from precision_pin.model.pose_model import AT_ONCE, arm_tangents
+
+SOCKETS = ((0.3, 0.1, 0.2), (0.1, -0.3, 0.4))
+PLACES = {
+    "distance": {"anchor": (0.5, 1, 0)},
+    "plane": {"plane": ((0, 0, 0.1), (0, 0, 1))},
+    "socket": {"sockets": SOCKETS},
+}
+FREE = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
+
+
+def check_close(values, expected):
+    """Check agreement to 1e-12 of the largest."""
+    np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("count", [1, 5, AT_ONCE + 3])
+@pytest.mark.parametrize("model", [paper_model, plain_model])
+def test_derivatives_of_many_poses_are_those_of_each(model, count):
+    arm = model().bare
+    models, x = list(arm.at_columns(random_poses(4, count, 2))), arm.space.sample(3, 0, 1)
+    parts = list(arm_tangents(models, x[:, 0]))
+    errors, slopes = (np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True))
+    expected = [at.exact(x)[:, 0] for at in models]
+    check_close(errors.T, np.array(expected))
+    each = [at.jacobian_at(x[:, 0], error) for at, error in zip(models, expected, strict=True)]
+    check_close(np.moveaxis(slopes, -1, 0), np.array(each))
+
+
+@pytest.mark.parametrize("kind", ["position", "pose", *PLACES])
+@pytest.mark.parametrize("base", ["known", "free"])
+@pytest.mark.parametrize("target_known", [True, False])
+@pytest.mark.parametrize("count", [1, 4])
+def test_predictions_of_many_poses_are_those_of_each(kind, base, target_known, count):
+    known = target_known or kind in PLACES
+    part = pp.Measurement(kind, target=OFF_AXIS, base=base, target_known=known, **PLACES.get(kind, {}))
+    rng = np.random.default_rng(4)
+    errors, nuisances = rng.normal(0, 0.1, (count, 6)), rng.normal(0, 0.1, len(part.nuisances))
+    turns = rng.uniform(-1.5, 1.5, (count, 3))
+    poses = np.array(
+        [se3.pose(se3.exp_rotation(turn), shift) for turn, shift in zip(turns, 0.4 * turns[::-1], strict=True)]
+    )
+    found = predict_many(part, poses, errors, nuisances)
+    pairs = list(zip(poses, errors, strict=True))
+    check_close(found.values, np.array([part.predict(p, e[:, None], nuisances[:, None])[:, 0] for p, e in pairs]))
+    slopes = [part.slopes(pose, error, nuisances) for pose, error in pairs]
+    check_close(found.by_error, np.array([each.error for each in slopes]))
+    if nuisances.size:
+        check_close(found.by_nuisance, np.array([each.nuisances for each in slopes]))
+    else:
+        assert found.by_nuisance.shape == (count, part.size, 0)
+
+
+def repeated_problem():
+    """Return a problem of one, two or three readings at a pose, two of them of the same visit scope."""
+    model, q = plain_model(), np.repeat(random_poses(4, 9), [1, 2, 3] * 3, axis=1)
+    return Problem.of(model, read_data(model, (q, readings_of(model, q, FREE)), (FREE,)))[0]
+
+
+def test_noise_at_stations_of_different_sizes_is_that_of_each():
+    problem = repeated_problem()
+    kept = problem.without([3, 7])
+    for part in (problem, kept):
+        for station, places, noise, root in zip(part.stations, part.places, part.noises, part.roots, strict=True):
+            error = station.at.error_at_means
+            by_error = FREE.slopes(station.at.posture.pose, error, part.start).error
+            stacked = np.tile(by_error, (len(station.rows), 1))
+            check_close(noise, station.noise(stacked, part.deviations[places] ** 2, part.visit[places[0]]))
+            check_close(root @ root.T, noise)
+        root = scipy.linalg.block_diag(*part.roots)
+        values = np.random.default_rng(5).normal(size=(*part.readings.shape, 2))
+        of_stations = np.concatenate([values[places] for places in part.places])
+        white = part.whiten(values)
+        np.testing.assert_allclose(root @ white, of_stations, rtol=1e-9)
+        coloured = part.colour(white)
+        np.testing.assert_allclose(np.concatenate([coloured[places] for places in part.places]), of_stations, rtol=1e-9)
+        pull, noise_rows, place, station = part.precision(white)
+        inverse = np.linalg.inv(root @ root.T)
+        np.testing.assert_allclose(pull, np.linalg.solve(root.T, white), rtol=1e-8)
+        for row in range(len(root)):
+            same = np.flatnonzero(station == station[row])
+            check = noise_rows[row, place[same]]
+            np.testing.assert_allclose(check, inverse[row, same], rtol=1e-8, atol=1e-12 * np.abs(inverse).max())
+
+
+def test_slopes_are_differences_of_residuals():
+    problem = repeated_problem()
+    rng = np.random.default_rng(6)
+    z, nuisances = rng.normal(size=problem.unit.root.shape[1]), problem.start + rng.normal(0, 1e-3, problem.start.size)
+    slopes, count, step = np.hstack(problem.slopes(z, nuisances)), z.size, 1e-5
+
+    def residuals(point):
+        return problem.whiten(problem.residuals(*np.split(point, [count])))
+
+    point = np.concatenate([z, nuisances])
+    for column, way in zip(slopes.T, step * np.eye(point.size), strict=True):
+        difference = (residuals(point - way) - residuals(point + way)) / (2 * step)
+        np.testing.assert_allclose(column, difference, atol=1e-5 * np.abs(column).max())
+
+
+def test_triangular_systems_of_one_size_are_solved_at_once():
+    rng = np.random.default_rng(7)
+    roots, values = np.tril(rng.normal(size=(6, 4, 4))) + 4 * np.eye(4), rng.normal(size=(6, 4, 3))
+    check_close(
+        solve_lower(roots, values), np.array([np.linalg.solve(r, v) for r, v in zip(roots, values, strict=True)])
+    )
+
+
+def test_combinations_without_a_prior_are_those_of_the_whole_matrix():
+    rng = np.random.default_rng(8)
+    by_z = rng.normal(size=(60, 4)) @ np.diag([30, 3, 0.3, 1e-14])
+    estimator = Estimator.of(by_z, np.zeros((60, 0)), has_prior=False)
+    _, values, rows = np.linalg.svd(by_z, full_matrices=True)
+    expected = rows[: int((values > 1).sum())]
+    assert estimator.basis.shape == (4, 3)
+    check_close(estimator.basis @ estimator.basis.T, expected.T @ expected)
