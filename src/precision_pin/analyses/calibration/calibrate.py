@@ -491,7 +491,7 @@ def _with_std(
             factors[kinds[name]] = factor
         problem = replace(problem, deviations=problem.deviations * factors)
         _check_noise(problem, estimates["std"][1], data.file)
-        clean, fit, gross = without_gross_errors(problem, data, has_prior=has_prior)
+        clean, fit, gross = without_gross_errors(problem, data, has_prior=has_prior, at=(z, nuisances))
         z, nuisances = fit.z, fit.nuisances
         if np.abs(np.log(factors)).max() < _STD_SETTLED:
             break
@@ -504,18 +504,21 @@ def _with_std(
     return data, problem, (clean, fit, gross), noise
 
 
-def without_gross_errors(problem: fitting.Problem, data: CalibrationData, *, has_prior: bool) -> CleanFit:
+def without_gross_errors(
+    problem: fitting.Problem, data: CalibrationData, *, has_prior: bool, at: tuple[Array, Array] | None = None
+) -> CleanFit:
     """Return problem and fit without gross errors, and the squared sizes of the gross errors by row.
 
     To those that most readings do not agree with, others are added one at a time: the one with the largest residual in a fit
-    without it, if too large for the rest. Where these are too many, only the first have no weight.
+    without it, if too large for the rest. Where these are too many, only the first have no weight. The first fit starts at z and
+    nuisances ``at``, if given, each other where the last ended.
     """
     gross, first_descent = dict(problem.consensus.gross), None
     while True:
-        descent = fitting.Descent(problem.without(gross), has_prior=has_prior)
+        descent = fitting.Descent(problem.without(gross), has_prior=has_prior, at=at)
         first_descent = first_descent or descent
         fit = descent.fit(_SEARCH_STEPS)
-        distance, excess = problem.outlying(fit, gross)
+        at, (distance, excess) = (fit.z, fit.nuisances), problem.outlying(fit, gross)
         excess[list(gross)] = 0.0
         worst = int(np.argmax(excess))
         if excess[worst] <= 1:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -139,9 +140,13 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
     waves = np.array([wave(order * angles) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)])
     time = visit / max(first_rows.size - 1, 1) - 0.5
     errors = np.zeros((q.shape[1], 6, len(labels)))
+    share = cache(lambda factors: float(at_means({factors: 1.0}, problem.model.space)))
     for station in problem.stations:
-        at, posture = station.at, station.at.posture
-        torque = np.array([float(at_means(posture.torque_on(k), at.space)) for k in range(len(q))])
+        posture = station.at.posture
+        by_factors = [posture.torque_on(k) for k in range(len(q))]
+        torque = np.array(
+            [sum(float(part) * share(factors) for factors, part in parts.items()) for parts in by_factors]
+        )
         for row in station.rows:
             shapes = np.array(
                 [0 * torque + 1, *waves[:, :, row], motion_signs[:, row] / 2, np.sign(torque.round(9)) / 2, torque]

@@ -427,10 +427,11 @@ class Descent:
 
     def __init__(self, problem: Problem, *, has_prior: bool, at: tuple[Array, Array] | None = None) -> None:
         self.problem, self.has_prior, self.steps = problem, has_prior, 0
-        self._z, self._nuisances = at or (np.zeros(problem.unit.root.shape[1]), problem.start)
-        self._white, self._cost = self._evaluate(self._z, self._nuisances)
+        means = np.zeros(problem.unit.root.shape[1]), problem.start
         # without a prior the combinations to estimate are those at the means, at every step
-        self._basis = None if has_prior else self._estimator().basis
+        self._basis = None if has_prior else Estimator.of(*problem.slopes(*means), has_prior=False).basis
+        self._z, self._nuisances = at or means
+        self._white, self._cost = self._evaluate(self._z, self._nuisances)
         self._last_estimator: Estimator | None = None
         self._size, self._is_settled = np.inf, False
 
@@ -439,9 +440,9 @@ class Descent:
         white = self.problem.whiten(self.problem.residuals(z, nuisances))
         return white, float(white @ white) + (float(z @ z) if self.has_prior else 0.0)
 
-    def _estimator(self, basis: Array | None = None) -> Estimator:
+    def _estimator(self) -> Estimator:
         slopes = self.problem.slopes(self._z, self._nuisances)
-        return Estimator.of(*slopes, has_prior=self.has_prior, basis=basis)
+        return Estimator.of(*slopes, has_prior=self.has_prior, basis=self._basis)
 
     def fit(self, steps: int = STEPS) -> Fit:
         """Return the estimate after a total number of steps or at convergence; raise if it does not converge."""
@@ -457,7 +458,7 @@ class Descent:
     def _step(self) -> None:
         self.steps += 1
         if self._last_estimator is None or self._size > _SMALL:
-            self._last_estimator = self._estimator(self._basis)
+            self._last_estimator = self._estimator()
         estimator, z, nuisances = self._last_estimator, self._z, self._nuisances
         target = self._white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
         new_z = estimator.estimate(target, *self.problem.bounds)
@@ -478,7 +479,7 @@ class Descent:
 
     def _estimate(self) -> Fit:
         problem, z, nuisances, white, cost = self.problem, self._z, self._nuisances, self._white, self._cost
-        estimator = self._estimator(self._basis)
+        estimator = self._estimator()
         residuals = problem.residuals(z, nuisances)
         degrees = len(white) - estimator.nuisance_rank - (0 if self.has_prior else estimator.basis.shape[1])
         at_bounds, local = tuple[str, ...](), estimator
