@@ -23,7 +23,7 @@ __all__ = ["BEGIN", "END", "main", "replaced"]
 
 BEGIN: Final = "<!-- measured: python -m benchmarks -->"
 END: Final = "<!-- end of what was measured -->"
-FURTHER: Final = ("postures", "poses", "variance", "allocation")
+FURTHER: Final = ("postures", "poses", "calibration", "variance", "allocation")
 """Modules beside this one that measure and print by themselves; what they print is not on the page."""
 
 

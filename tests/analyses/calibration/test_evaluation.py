@@ -8,8 +8,9 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator
-from precision_pin.analyses.calibration.evaluation import predict_many, solve_lower
-from precision_pin.analyses.calibration.fit import Problem
+from precision_pin.analyses.calibration.evaluation import predict_many
+from precision_pin.analyses.calibration.fit import Descent, Problem, _suspect_joint
+from precision_pin.analyses.calibration.noise import solve_lower
 from precision_pin.base import se3
 from precision_pin.model.pose_model import AT_ONCE, arm_tangents
 
@@ -74,7 +75,9 @@ def test_noise_at_stations_of_different_sizes_is_that_of_each():
     problem = repeated_problem()
     kept = problem.without([3, 7])
     for part in (problem, kept):
-        for station, places, noise, root in zip(part.stations, part.places, part.noises, part.roots, strict=True):
+        for station, places, noise, root in zip(
+            part.stations, part.places, part.noise.covariances, part.roots, strict=True
+        ):
             error = station.at.error_at_means
             by_error = FREE.slopes(station.at.posture.pose, error, part.start).error
             stacked = np.tile(by_error, (len(station.rows), 1))
@@ -85,9 +88,9 @@ def test_noise_at_stations_of_different_sizes_is_that_of_each():
         of_stations = np.concatenate([values[places] for places in part.places])
         white = part.whiten(values)
         np.testing.assert_allclose(root @ white, of_stations, rtol=1e-9)
-        coloured = part.colour(white)
+        coloured = part.noise.colour(white)
         np.testing.assert_allclose(np.concatenate([coloured[places] for places in part.places]), of_stations, rtol=1e-9)
-        pull, noise_rows, place, station = part.precision(white)
+        pull, (noise_rows, place, station) = part.noise.pull(white), part.noise.precision
         inverse = np.linalg.inv(root @ root.T)
         np.testing.assert_allclose(pull, np.linalg.solve(root.T, white), rtol=1e-8)
         for row in range(len(root)):
@@ -127,3 +130,23 @@ def test_combinations_without_a_prior_are_those_of_the_whole_matrix():
     expected = rows[: int((values > 1).sum())]
     assert estimator.basis.shape == (4, 3)
     check_close(estimator.basis @ estimator.basis.T, expected.T @ expected)
+
+
+def test_the_suspect_joint_is_that_of_the_dense_projector():
+    problem = repeated_problem()
+    fit = Descent(problem, has_prior=True).fit()
+    name, ratio = _suspect_joint(problem, fit)
+    white, projector = problem.whiten(problem.residuals(fit.z, fit.nuisances)), fit.estimator.residual_projector()
+    values, expected = np.zeros((2, 4))
+    for station, places, span, root in problem.at_stations:
+        by_error = FREE.slopes(station.at.posture.pose, station.at.error_at_means, fit.nuisances).error
+        for row in station.rows:  # each reading is a visit
+            is_of_row = (places[0] == row)[:, None]
+            by_joint = np.where(
+                is_of_row, np.tile(by_error @ station.at.posture.joint_jacobian, (len(station.rows), 1)), 0
+            )
+            along = np.linalg.solve(root, by_joint)
+            values += (along.T @ white[span]) ** 2
+            expected += np.einsum("ij,ik,kj->j", along, projector[span, span], along)
+    assert name == problem.model.chain.joint_names[int(np.argmax(values / expected))]
+    assert ratio == pytest.approx((values / expected).max(), rel=1e-9)

@@ -139,7 +139,7 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
     angles = 2 * np.pi * q / np.where(chain.prismatic, np.maximum(np.ptp(q, axis=1), _UNSEEN), 2 * np.pi)[:, None]
     waves = np.array([wave(order * angles) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)])
     time = visit / max(first_rows.size - 1, 1) - 0.5
-    errors = np.zeros((q.shape[1], 6, len(labels)))
+    by_error, changes = problem.at_means(nuisances)[1], np.zeros((*problem.readings.shape, len(labels)))
     share = cache(lambda factors: float(at_means({factors: 1.0}, problem.model.space)))
     for station in problem.stations:
         posture = station.at.posture
@@ -152,8 +152,8 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
                 [0 * torque + 1, *waves[:, :, row], motion_signs[:, row] / 2, np.sign(torque.round(9)) / 2, torque]
             ).T
             shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]]) * time[row]
-            errors[row] = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), shifts])
-    changes = problem.at_means(nuisances)[1] @ errors
+            error = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), shifts])
+            changes[row] = by_error[row] @ error
     return problem.whiten(changes), labels
 
 
@@ -204,7 +204,7 @@ def find_causes(problem: Problem, fit: Fit, q: Array, groups: NDArray[np.intp], 
     causes = []
     for candidate in likely if chance <= FALSE_ALARMS else []:
         white = columns[:, candidate.columns] @ candidate.mean
-        effect = problem.colour(white - root @ (root.T @ white))
+        effect = problem.noise.colour(white - root @ (root.T @ white))
         without = leave_out(problem, estimator, estimator, effect, groups)
         shifts = without.values[without.is_predicted, :3]
         owners = np.array([labels[k][1] for k in candidate.columns])

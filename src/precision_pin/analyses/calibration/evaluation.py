@@ -80,15 +80,6 @@ def _skew(vectors: Array) -> Array:
     return _first(se3.skew(vectors.T))
 
 
-def solve_lower(roots: Array, values: Array) -> Array:
-    """Return ``root⁻¹ values`` for lower triangular roots ``(S, b, b)`` and values ``(S, b, n)``."""
-    result = np.empty_like(values)
-    for k in range(roots.shape[1]):
-        above = np.einsum("sj,sjn->sn", roots[:, k, :k], result[:, :k])
-        result[:, k] = (values[:, k] - above) / roots[:, k, k, None]
-    return result
-
-
 class Point(NamedTuple):
     """Predicted readings ``(P, m)``, and their derivatives by c components of the space and by the nuisances.
 

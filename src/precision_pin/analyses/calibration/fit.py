@@ -34,7 +34,8 @@ from precision_pin.analyses.calibration.design import (
     stations_of_data,
     without,
 )
-from precision_pin.analyses.calibration.evaluation import Evaluation, Point, solve_lower
+from precision_pin.analyses.calibration.evaluation import Evaluation, Point
+from precision_pin.analyses.calibration.noise import Noise, Places, blocks_of
 from precision_pin.analyses.calibration.start import REWEIGHED, first_guess, readings_in_base, reweighed_sizes
 from precision_pin.analyses.readings import Station
 from precision_pin.base import se3
@@ -44,7 +45,6 @@ from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import bounds_of
 from precision_pin.model.error_model import ErrorModel
 
-Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 STEPS: Final = 60
 """Gauss-Newton steps after which a fit that has not converged is rejected."""
 _SETTLED: Final = 1e-8
@@ -67,14 +67,6 @@ _CELLS: Final = 4096
 """Components of groups that are left out at once, so that memory does not grow with the readings."""
 _ALONE: Final = 1e-9
 """Fraction of a group's readings left free by the others, below which the group alone determines a combination."""
-
-
-class _Block(NamedTuple):
-    """Stations ``(S,)`` where b numbers are read, and of these the place in the readings and the whitened row, ``(S, b)``."""
-
-    stations: NDArray[np.intp]
-    places: Places
-    white: NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,56 +153,30 @@ class Problem:
         return masks
 
     @cached_property
-    def _by_size(self) -> list[_Block]:
-        """Stations by how many numbers are read there."""
-        sizes, starts = np.array([[span.stop - span.start, span.start] for span in self.spans]).T
-        blocks = []
-        for size in np.unique(sizes).tolist():
-            stations = np.flatnonzero(sizes == size)
-            rows, columns = np.array([self.places[k] for k in stations]).swapaxes(0, 1)
-            blocks.append(_Block(stations, (rows, columns), starts[stations, None] + np.arange(size)))
-        return blocks
-
-    @cached_property
-    def _noise_stacks(self) -> list[Array]:
-        """Covariance of the numbers read at each station, ``(S, b, b)``, as of :meth:`Station.noise`."""
+    def noise(self) -> Noise:
+        """Noise of the readings, at each station as of :meth:`Station.noise`."""
         by_error, (_, scopes) = self.at_means(self.start)[1], self.evaluation.at_means
-        noises = []
-        for block in self._by_size:
+        blocks, covariances = blocks_of(self.places), []
+        for block in blocks:
             rows, slopes = block.places[0], by_error[block.places]
-            stations = self.evaluation.station[rows[:, 0]]
+            stations, diagonal = self.evaluation.station[rows[:, 0]], range(rows.shape[1])
             visit, pose = (
                 slopes @ scopes[scope][stations] @ slopes.swapaxes(1, 2) for scope in (Scope.VISIT, Scope.POSE)
             )
-            visits, noise = self.visit[rows], np.zeros((*rows.shape, rows.shape[1]))
-            noise[:, range(rows.shape[1]), range(rows.shape[1])] = self.deviations[block.places] ** 2
-            noises.append(noise + visit * (visits[:, :, None] == visits[:, None]) + pose)
-        return noises
-
-    @cached_property
-    def _root_stacks(self) -> list[Array]:
+            visits, covariance = self.visit[rows], np.zeros((*rows.shape, rows.shape[1]))
+            covariance[:, diagonal, diagonal] = self.deviations[block.places] ** 2
+            covariances.append(covariance + visit * (visits[:, :, None] == visits[:, None]) + pose)
         try:
-            return [np.asarray(np.linalg.cholesky(noise), dtype=float) for noise in self._noise_stacks]
+            return Noise(self.readings.shape, blocks, covariances)
         except np.linalg.LinAlgError:
-            by_error = self.at_means(self.start)[1]
             for station, places in zip(self.stations, self.places, strict=True):
                 station.noise_root(by_error[places], self.deviations[places] ** 2, self.visit[places[0]])
             raise
 
-    @cached_property
-    def noises(self) -> tuple[Array, ...]:
-        """Covariance of the numbers read at each station."""
-        return self._by_station(self._noise_stacks)
-
-    @cached_property
+    @property
     def roots(self) -> tuple[Array, ...]:
         """Lower root of the noise of each station's readings."""
-        return self._by_station(self._root_stacks)
-
-    def _by_station(self, stacks: list[Array]) -> tuple[Array, ...]:
-        order = np.argsort(np.concatenate([block.stations for block in self._by_size]))
-        matrices = [matrix for stack in stacks for matrix in stack]
-        return tuple(matrices[k] for k in order)
+        return self.noise.roots
 
     def at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
         """Return, with the means of the sheet, residuals ``(P, m)``, and derivatives by the tip's error and the nuisances."""
@@ -262,35 +228,7 @@ class Problem:
 
     def whiten(self, values: Array) -> Array:
         """Return ``R^(-1/2)`` times ``(P, m, …)``, as ``(M, …)`` with the rows of each station together."""
-        white = np.empty((self.spans[-1].stop, *values.shape[2:]))
-        for block, root in zip(self._by_size, self._root_stacks, strict=True):
-            of_block = values[block.places]
-            white[block.white] = solve_lower(root, of_block.reshape(*block.white.shape, -1)).reshape(of_block.shape)
-        return white
-
-    def colour(self, white: Array) -> Array:
-        """Return ``R^(1/2)`` times ``(M, …)``, as ``(P, m, …)``: the inverse of :meth:`whiten`."""
-        values = np.zeros((*self.readings.shape, *white.shape[1:]))
-        for block, root in zip(self._by_size, self._root_stacks, strict=True):
-            values[block.places] = np.einsum("sij,sj...->si...", root, white[block.white])
-        return values
-
-    def precision(self, white: Array) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Return ``R^(-1/2)ᵀ`` times ``(M, …)``; the rows of R⁻¹ in stations ``(M, b)``, their places and stations."""
-        shape = len(white), max(block.white.shape[1] for block in self._by_size)
-        result, inverses, place, station = (
-            np.empty_like(white),
-            np.zeros(shape),
-            np.empty(shape[0], int),
-            np.empty(shape[0], int),
-        )
-        for block, root in zip(self._by_size, self._root_stacks, strict=True):
-            size = root.shape[1]
-            inverse = solve_lower(root, np.broadcast_to(np.eye(size), root.shape))
-            result[block.white] = np.einsum("sji,sj...->si...", inverse, white[block.white])
-            inverses[block.white, :size] = inverse.swapaxes(1, 2) @ inverse
-            place[block.white], station[block.white] = np.arange(size), block.stations[:, None]
-        return result, inverses, place, station
+        return self.noise.whiten(values)
 
     def slopes(self, z: Array, nuisances: Array, *, plain: bool = False) -> tuple[Array, Array]:
         """Return whitened derivatives of the readings by z (plain: by each number over its prior std) and by the nuisances."""
@@ -348,14 +286,12 @@ class Problem:
 
     def reading_deviations(self, fit: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
-        estimator, result = fit.estimator, np.zeros_like(self.readings)
+        estimator = fit.estimator
         is_whole = len(estimator.by_z) == self.spans[-1].stop
         white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(fit.z, fit.nuisances)
-        slopes = self.colour(np.hstack(white))
+        slopes = self.noise.colour(np.hstack(white))
         variances = np.einsum("pmj,jk,pmk->pm", slopes, estimator.joint_covariance, slopes, optimize=True)
-        for block, root in zip(self._by_size, self._root_stacks, strict=True):
-            result[block.places] = np.sqrt((root**2).sum(axis=2) + variances[block.places])
-        return result
+        return np.sqrt(self.noise.variances + variances)
 
 
 class LeftOut(NamedTuple):
@@ -506,14 +442,14 @@ def leave_out(
     ``estimator``: a number that stops at a bound follows no reading, but is not known.
     """
     shape, parts = residuals.shape, [estimator, *([] if local is estimator else [local])]
-    pull, noise, row, station = problem.precision(problem.whiten(residuals))
-    throughs = [problem.precision(part.leverage_root())[0] for part in parts]
+    pull, (noise, place, station) = problem.noise.pull(problem.whiten(residuals)), problem.noise.precision
+    throughs = [problem.noise.pull(part.leverage_root()) for part in parts]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
     result = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
     shared, squares, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
     for cells in _cells_of_groups(groups[rows], rows):
         is_same = station[cells][:, :, None] == station[cells][:, None]
-        block = np.where(is_same, noise[cells[:, :, None], row[cells][:, None]], 0.0)
+        block = np.where(is_same, noise[cells[:, :, None], place[cells][:, None]], 0.0)
         covariances, checks = zip(*(_group_covariances(block, through[cells]) for through in throughs), strict=True)
         is_predicted = np.all(checks, axis=0)
         residual = (covariances[-1] @ pull[cells][:, :, None])[:, :, 0]
@@ -799,7 +735,7 @@ def _blocks(
     basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
     random = by_z if has_prior else by_z[:, :0]
     white, blocks = np.hstack([random, basis, readings[:, None]]), []
-    for (_, places, span, root), noise in zip(problem.at_stations, problem.noises, strict=True):
+    for (_, places, span, root), noise in zip(problem.at_stations, problem.noise.covariances, strict=True):
         variances = problem.deviations[places] ** 2
         per_kind = np.array([np.diag(variances * mask[places]) for mask in masks])
         blocks.append((noise - per_kind.sum(axis=0), per_kind, root @ white[span]))
