@@ -48,6 +48,9 @@ CASES = {
         "400 0 20 mm", (0.4, 0, 0.02), "0 0 3 kg",
     ),
     "Measurement.visible_from": (measured("visible_from", facing=(0, 0, 1)), "3 0 1 m", (3, 0, 1), "0 0 3 kg"),
+    "Measurement.stands_at": (
+        measured("stands_at", std={"along": "1 um", "across": "2 um"}), "3 0 1 m", (3, 0, 1), "0 0 3 kg"
+    ),
     "Measurement.cone": (measured("cone", visible_from=(1, 0, 0)), "40 deg", np.pi / 4.5, "3 mm"),
     "export.pose": (exported, "30 deg", 30 * DEGREES, "3 mm"),
     "iso9283.target": (

@@ -47,23 +47,23 @@ class Station(NamedTuple):
     at: PoseModel
     rows: tuple[int, ...]
 
-    def noise(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
+    def noise(self, by_error: Array, instrument: Array, visits: NDArray[np.intp]) -> Array:
         """Return the covariance of the numbers read here, ``(M, M)``.
 
-        ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``variances`` ``(M,)`` the instrument's;
+        ``by_error`` ``(M, 6)`` are their derivatives by the tip's error, ``instrument`` ``(M, M)`` its covariance;
         numbers of one of ``visits`` ``(M,)`` were read together.
         """
         visit_covariance = by_error @ scope_covariance(self.at, Scope.VISIT) @ by_error.T
         common = by_error @ scope_covariance(self.at, Scope.POSE) @ by_error.T
-        return np.asarray(np.diag(variances) + visit_covariance * (visits[:, None] == visits) + common)
+        return np.asarray(instrument + visit_covariance * (visits[:, None] == visits) + common)
 
-    def noise_root(self, by_error: Array, variances: Array, visits: NDArray[np.intp]) -> Array:
+    def noise_root(self, by_error: Array, instrument: Array, visits: NDArray[np.intp]) -> Array:
         """Return the lower triangular root of :meth:`noise`; raise if the instrument's part is lost in rounding."""
-        noise = self.noise(by_error, variances, visits)
+        noise = self.noise(by_error, instrument, visits)
         try:
             return np.asarray(np.linalg.cholesky(noise), dtype=float)
         except np.linalg.LinAlgError:
-            widest, smallest = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(variances.min()))
+            widest, smallest = float(np.sqrt(np.diag(noise).max())), float(np.sqrt(np.diag(instrument).min()))
             raise InputError(
                 f"numbers of scope visit or pose spread a reading by {1e3 * widest:.3g} mm or mrad, beside which the std of "
                 f"the instrument, {1e3 * smallest:.3g} mm or mrad, is lost in rounding; give smaller tolerances, or a larger std"
@@ -145,9 +145,12 @@ def simulate_readings(
     x = model.space.sample(seed, first, robots)
     count, kind = sum(len(station.rows) for station in stations), KINDS.index(measurement.kind)
     noise = np.random.default_rng([seed, 1, first, kind]).standard_normal((count, measurement.size, robots))
-    readings = measurement.deviations[:, None] * noise
+    readings = np.empty_like(noise)
     set_up = np.zeros((len(measurement.nuisances), robots))
     for number, station in enumerate(stations):
+        rows, covariance = list(station.rows), measurement.covariance(station.at.posture.pose)
+        root = np.linalg.cholesky(covariance) if measurement.sight else np.diag(measurement.deviations)
+        readings[rows] = root @ noise[rows]
         for visit, row in enumerate(station.rows):
             errors = station.at.exact(with_later_draws(model, x, seed, kind * _POSES + number, visit, first))
             readings[row] += measurement.predict(station.at.posture.pose, errors, set_up)
@@ -173,7 +176,8 @@ class Readings(Fixed):
         """Return the file that ``calibrate`` reads, below comments."""
         # couplings: what the controller shows is not what the joints have
         columns = np.asarray(np.linalg.solve(self.measurement.mixing(self.model.chain), self.q), dtype=float)
-        kind, std = self.measurement.kind, self.measurement.std
+        # what no column can say is said by the sheet
+        kind, std = self.measurement.kind, None if self.measurement.sight else self.measurement.std
         return readings_csv(self.model.chain, columns, kind, self.values, std, comments)
 
     def to_cycles(self, cycles: int, comments: Sequence[str] = ()) -> str:
@@ -246,12 +250,14 @@ def with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: i
     return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)
 
 
-def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float, comments: Sequence[str]) -> str:
+def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float | None, comments: Sequence[str]) -> str:
     """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below comments."""
     headings, columns = joint_cells(chain, q)
     value_columns, values = _readings(COLUMNS[kind], readings)
-    stds = [f"{1e3 * std:.6f}"] * len(readings)
-    return csv_text([*headings, *value_columns, "std [mm]"], zip(*columns, *values, stds, strict=True), comments)
+    if std is not None:
+        value_columns.append("std [mm]")
+        values.append([f"{1e3 * std:.6f}"] * len(readings))
+    return csv_text([*headings, *value_columns], zip(*columns, *values, strict=True), comments)
 
 
 def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:

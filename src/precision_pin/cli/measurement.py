@@ -77,7 +77,7 @@ def _changed(stated: Measurement, options: Options) -> Measurement:
         given = {name: value for name, value in given.items() if name not in KIND_SETTINGS}
     given |= {name: options[name] for name in ("kind", "columns") if options[name] is not None}
     if options["std"] is not None:
-        given["std_known"] = options["std"].strip() != ESTIMATE
+        given |= {"std_known": options["std"].strip() != ESTIMATE, "sight": None, "stands_at": None}
     for option, quantity, count in _NUMBERS:
         text = options[option]
         if text is None or (option == "std" and not given["std_known"]):

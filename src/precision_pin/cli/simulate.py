@@ -78,8 +78,9 @@ def command(unit: int, cycles: int | None, out: str, **options: Any) -> None:
     readings_text = f"{count:,} reading{'s' if count > 1 else ''}"
     what = readings_text if cycles is None else f"{cycles} cycles at {len(asked):,} poses"
     changed = f" with {', '.join(options['changes'])}" if options["changes"] else ""
+    std = measurement.sight or f"{milli(measurement.std, 3)} mm"
     truth = (
-        f"{what} of {measurement.kind}, std {milli(measurement.std, 3)} mm, of robot {unit} of seed {seed} of "
+        f"{what} of {measurement.kind}, std {std}, of robot {unit} of seed {seed} of "
         f"{os.path.basename(sheet.file)}{changed}"
     )
     comments = [visible(f"simulated: {truth}", _LONGEST)]

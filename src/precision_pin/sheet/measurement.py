@@ -22,11 +22,11 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from precision_pin.base import se3, units
 from precision_pin.base.arguments import (
@@ -46,6 +46,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
 from precision_pin.sheet.settings import SettingError, placed
+from precision_pin.sheet.sight import DIRECTIONS, Sight, SightEntry
 from precision_pin.sources.payload import Payload
 
 _AXES: Final = ("x", "y", "z")
@@ -180,8 +181,8 @@ class Slopes(NamedTuple):
 
 
 _KEYS: Final = (
-    *("kind", "std", "std_known", "attitude_std", "target", "base", "target_known", "anchor", "plane", "sockets"),
-    *("visible_from", "facing", "cone", "target_name", "base_name", "load", "nuisances"),
+    *("kind", "std", "std_known", "sight", "stands_at", "attitude_std", "target", "base", "target_known"),
+    *("anchor", "plane", "sockets", "visible_from", "facing", "cone", "target_name", "base_name", "load", "nuisances"),
 )
 """Keys of the JSON."""
 _LOAD: Final = ("at", "mass", "com")
@@ -199,7 +200,12 @@ class Measurement:
             anchor, ``"plane"`` (height over a plane, zero at contact) or ``"socket"`` (the target is put into a
             socket).
         std: Standard deviation of each measured length, m; at contact, of the contact. ``"estimate"``: estimated by the
-            calibration.
+            calibration. ``{"along": "10 um + 0.3 um/m", "across": "15 um + 6 um/m"}``, of a position or pose: along the
+            line of sight and in each direction across it, a constant and a share of the distance; ``sight`` has them then,
+            and ``std`` is the root mean square of the three at the base's origin (of the constants, if the place of the
+            instrument is estimated).
+        stands_at: Where the instrument stands in the base, m, for ``along`` and ``across``; by default ``visible_from``,
+            or with a free base the origin of the readings' axes.
         target: The target in tool axes from the tip, m, independent of the model's target.
         base: ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is unknown
             and estimated; for a distance, a plane and sockets their place, from the given initial values.
@@ -249,6 +255,8 @@ class Measurement:
     columns: str = ""
     coupled: Mapping[str, str] | tuple[tuple[str, str], ...] = ()
     std_known: bool = True
+    stands_at: tuple[float, float, float] | None = None
+    sight: Sight | None = None
 
     def __post_init__(self) -> None:
         check_choice("the kind of a measurement", self.kind, KINDS)
@@ -258,6 +266,9 @@ class Measurement:
         if isinstance(self.std, str) and self.std == ESTIMATE:
             self._fix("std", type(self).std)
             self._fix("std_known", False)
+        if isinstance(self.std, Mapping):
+            self._fix("sight", Sight.of(self.std))
+            self._fix("std", type(self).std)
         above, what = "above zero and finite", "std, the standard deviation of a measurement,"
         self._fix("std", check_quantity(what, self.std, LENGTH, above, lambda n: n > 0))
         if self.attitude_std is not None:
@@ -266,6 +277,7 @@ class Measurement:
         for name in ("target", "anchor"):
             self._fix(name, _point(f"the {name} of a measurement", getattr(self, name)))
         self._check_places()
+        self._check_visibility()
         self._check_sight()
         if self.load is not None:
             load = check_items("the load of a measurement", self.load, Payload)
@@ -304,7 +316,7 @@ class Measurement:
         if len(set(self.sockets)) < len(self.sockets):
             raise InputError("two sockets of a measurement are at one place")
 
-    def _check_sight(self) -> None:
+    def _check_visibility(self) -> None:
         what, limits = "the cone of a measurement", "above zero and at most a half turn"
         self._fix("cone", check_quantity(what, self.cone, ANGLE, limits, lambda n: 0 < n <= np.pi))
         if self.visible_from is None:
@@ -315,6 +327,31 @@ class Measurement:
         self._fix("visible_from", _point("visible_from of a measurement", self.visible_from))
         facing = (0.0, 0.0, 1.0) if self.facing is None else self.facing
         self._fix("facing", _direction("facing of a measurement", facing))
+
+    def _check_sight(self) -> None:
+        if self.sight is not None:
+            check_instance("sight of a measurement", self.sight, Sight, "as std: {along: ..., across: ...} gives it")
+        if self.stands_at is not None:
+            self._fix("stands_at", _point("stands_at of a measurement", self.stands_at))
+        if self.sight is None:
+            if self.stands_at is not None:
+                raise InputError("stands_at of a measurement needs std: {along: ..., across: ...}")
+            return
+        if self.kind not in ("position", "pose"):
+            raise InputError(
+                f"std along and across belongs to a position or a pose, not to a {self.kind}; give one std"
+            )
+        if self.kind == "pose" and self.attitude_std is None:
+            raise InputError("std along and across of a pose needs attitude_std, the standard deviation of its angles")
+        if self.station is None and self.base == "known":
+            raise InputError("std along and across needs stands_at: where the instrument stands, in base axes")
+        origin = np.zeros((1, 3)) if self.station is None else -np.array([self.station])
+        self._fix("std", float(np.sqrt(np.trace(self.sight.covariance(np.zeros(3), origin)[0]) / 3)))
+
+    @property
+    def station(self) -> tuple[float, float, float] | None:
+        """Where the instrument stands in the base, m; ``None`` if only the readings tell."""
+        return self.visible_from if self.stands_at is None else self.stands_at
 
     def mixing(self, chain: Chain) -> Array:
         """Return the matrix ``(n, n)`` from the joint columns of a data file to joint values."""
@@ -365,6 +402,17 @@ class Measurement:
         """Standard deviation of each component of a reading, ``(m,)``."""
         angle = self.std / _LEVER if self.attitude_std is None else self.attitude_std
         return np.where(np.arange(self.size) < 3, self.std, angle)
+
+    def covariance(self, pose: Array) -> Array:
+        """Return the covariance ``(m, m)`` of the instrument where the nominal tip is at ``(4, 4)`` in the base."""
+        result = np.diag(self.deviations**2)
+        if self.sight is not None:
+            if self.station is None:
+                raise InputError(
+                    "without readings, std along and across needs stands_at: where the instrument stands, in base axes"
+                )
+            result[:3, :3] = self.sight.covariance(np.array(self.station), self._nominal(pose)[None])[0]
+        return result
 
     @property
     def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
@@ -491,6 +539,7 @@ class Measurement:
             "anchor": self.anchor if self.kind == "distance" else None,
             "plane": None if self.plane is None else dict(zip(("point", "normal"), self.plane, strict=True)),
             "cone": None if self.facing is None else self.cone,
+            "sight": None if self.sight is None else {name: getattr(self.sight, name) for name in DIRECTIONS},
             "load": None if self.load is None else [{key: getattr(load, key) for key in _LOAD} for load in self.load],
         }
         return {key: encode(converted[key] if key in converted else getattr(self, key)) for key in _KEYS}
@@ -549,8 +598,16 @@ class MeasurementEntry(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     kind: Kind = Field("position", description=f"What is measured: {', '.join(KINDS)}.")
-    std: str = Field(
-        "0.02 mm", description="Standard deviation of a measured length, of a contact; estimate: from the readings."
+    std: Annotated[
+        Annotated[str, Tag("one")] | Annotated[SightEntry, Tag("two")],
+        Discriminator(lambda value: "two" if isinstance(value, dict | SightEntry) else "one"),
+    ] = Field(
+        "0.02 mm",
+        description="Standard deviation of a measured length, of a contact; estimate: from the readings; or, along a line of "
+        "sight and across it, {along: 10 um + 0.3 um/m, across: 15 um + 6 um/m}.",
+    )
+    stands_at: str | None = Field(
+        None, description="Where the instrument stands, in base axes, if std is along its line of sight and across it."
     )
     attitude_std: str | None = Field(
         None, description="Standard deviation of a measured angle of a pose (default: std / 100 mm)."
@@ -584,7 +641,7 @@ class MeasurementEntry(BaseModel):
     )
 
 
-_READ: Final = ("attitude_std", "std", "target", "anchor", "sockets", "visible_from", "facing", "cone")
+_READ: Final = ("attitude_std", "std", "target", "anchor", "sockets", "visible_from", "facing", "cone", "stands_at")
 """Settings of numbers, in reading order: the first error is reported."""
 # quantities of settings that are no lengths
 _NO_LENGTHS: Final = {
@@ -645,6 +702,10 @@ def _read(path: tuple[str | int, ...], text: Any) -> Any:
         return None
     if isinstance(text, list):
         return tuple(_read((*path, k), item) for k, item in enumerate(text))
+    if isinstance(text, SightEntry):
+        with placed("std"):
+            Sight.of(text.model_dump())
+        return text.model_dump()
     if path == ("std",) and text.strip() == ESTIMATE:
         return ESTIMATE
     name = next(key for key in reversed(path) if isinstance(key, str))

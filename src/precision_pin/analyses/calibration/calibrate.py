@@ -26,6 +26,7 @@ from precision_pin.analyses.calibration.forecast import (
     interval_after,
     normal_interval,
 )
+from precision_pin.analyses.calibration.instrument import length_stds
 from precision_pin.analyses.calibration.start import nominal_distance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.readings import measurements_of
@@ -239,7 +240,8 @@ class CalibrationResult(PosesOutcome):
         """Joint values and readings as in the JSON, a row for each reading; ``std`` and ``group`` where they are given."""
         data, joints = self.data, self.original.chain.joint_names
         several = {"measured_by": data.part, "visit": data.visit} if len(data.measurements) > 1 else {}
-        optional = {name: values for name, values in (("std", data.std), ("group", data.group)) if values.size}
+        extras = ("std", data.std), ("axis_ratios", data.axis_ratios), ("group", data.group)
+        optional = {name: values for name, values in extras if values.size}
         return {"joints": joints, "q": data.q.T, "readings": data.readings, **optional, **several}
 
     def __repr__(self) -> str:
@@ -417,7 +419,7 @@ def _check_readings(problem: fitting.Problem, data: CalibrationData) -> None:
     is_known = not problem.unknown_deviations
     if not is_known:  # whatever it is, it is no such share of the space that the arm is in
         factor = _MAX_NOISE * problem.spread / fitting.FARTHEST / float(np.median(problem.deviations[:, 0]))
-        problem = replace(problem, deviations=factor * problem.deviations)
+        problem = problem.scaled(np.array(factor))
     scale, odd = problem.consensus.scale, problem.consensus.too_many
     if scale <= fitting.ODD:
         if len(odd) > design.MOST_GROSS * len(data):
@@ -489,7 +491,7 @@ def _with_std(
         factors = np.ones(problem.readings.shape)
         for name, (factor, _) in estimates.items():
             factors[kinds[name]] = factor
-        problem = replace(problem, deviations=problem.deviations * factors)
+        problem = problem.scaled(factors)
         _check_noise(problem, estimates["std"][1], data.file)
         clean, fit, gross = without_gross_errors(problem, data, has_prior=has_prior, at=(z, nuisances))
         z, nuisances = fit.z, fit.nuisances
@@ -499,7 +501,7 @@ def _with_std(
     stds = {name: estimate.std for name, estimate in noise.items()}
     parts = tuple(part if part.std_known else replace(part, **stds) for part in data.measurements)  # type: ignore[arg-type]
     is_new = problem.unknown_deviations["std"][:, 0]
-    std = np.where(is_new, problem.deviations[:, 0], data.std) if data.std.size else data.std
+    std = np.where(is_new, length_stds(problem.instrument), data.std) if data.std.size else data.std
     data = replace(data, measurements=parts, std=std)
     return data, problem, (clean, fit, gross), noise
 

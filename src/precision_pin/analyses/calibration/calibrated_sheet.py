@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
+from precision_pin.analyses.calibration.instrument import fitted_covariance, length_stds
 from precision_pin.base.errors import InputError, SheetError
 from precision_pin.base.files import UnreadableFileError, read_text_file
 from precision_pin.robot.datums import Datum
@@ -44,7 +45,7 @@ def measured_frame(result: CalibrationResult) -> dict[str, Any] | None:
     _, first = np.unique(data.q[:, rows], axis=1, return_index=True)
     poses = rows[np.sort(first)]
     chosen = poses[np.unique(np.linspace(0, len(poses) - 1, MOST_POSES).round().astype(int))]
-    stds = np.array([part.std for part in data.measurements])[data.part] if not data.std.size else data.std
+    stds = length_stds(fitted_covariance(data, [set_up.base for set_up in result.set_ups]))
     std = float(np.sqrt(len(chosen) / (1 / np.square(stds[rows])).sum()))
     joint_values = list(data.q[:, chosen].T)
     try:

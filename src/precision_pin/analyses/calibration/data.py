@@ -5,9 +5,10 @@
 
 There is a column for each joint and each number of a reading, with its unit in brackets: ``x y z`` of a position; also
 ``rx ry rz`` of a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the
-standard deviation of the row's lengths, ``group`` a whole number for rows that are left out together. At contact no
-reading is needed: ``height`` over a plane, and ``x y z`` from the socket, default to zero. ``x1 y1 z1 x2 …`` are
-several targets on the tool. Times are ignored; a cell that is empty, nan or NA is a missing reading.
+standard deviation of the row's lengths, or ``sx sy sz`` that of each, in the axes of the readings; ``group`` a whole
+number for rows that are left out together. At contact no reading is needed: ``height`` over a plane, and ``x y z``
+from the socket, default to zero. ``x1 y1 z1 x2 …`` are several targets on the tool. Times are ignored; a cell that is
+empty, nan or NA is a missing reading.
 
 A quick fit of the nominal arm finds joint zeros and directions that no tolerance can explain.
 """
@@ -55,7 +56,9 @@ class CalibrationData(Record):
         readings: ``(P, m)``, m and rad: a position, a position and rotation vector, a distance, a height or an offset
             from a socket; NaN beyond the numbers of a shorter reading.
         std, group: Standard deviation of each reading's lengths, m, and its group number, ``(P,)``; empty for the
-            instrument's, and for none.
+            instrument's, and for none. A NaN stands for that of an instrument with a line of sight.
+        axis_ratios: Standard deviations of the three lengths of each reading over ``std``, root mean square 1, in the
+            axes of the readings, ``(P, 3)``; empty for ones.
         file, lines: Source of the data, and the rows of the file or arrays, from 1, ``(P,)``.
         measurements, files: The measurements, one for each target in each file, and the file of each.
         part, visit: Number of each reading's measurement, ``(P,)``, and of its visit: readings of one were taken
@@ -74,6 +77,7 @@ class CalibrationData(Record):
     part: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     visit: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     findings: tuple[Finding, ...] = ()
+    axis_ratios: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         if not self.part.size:
@@ -119,13 +123,19 @@ def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
     width = max(part.readings.shape[1] for part in parts)
     std, group = np.zeros(0), np.zeros(0)
     if any(part.std.size for part in parts):
-        usual = (np.array([measurement.std for measurement in part.measurements])[part.part] for part in parts)
+        # one number says less than the line of sight
+        usual = (np.array([np.nan if m.sight else m.std for m in part.measurements])[part.part] for part in parts)
         std = np.concatenate([part.std if part.std.size else stds for part, stds in zip(parts, usual, strict=True)])
     if any(part.group.size for part in parts):
         # a reading without a group forms a group of one
         free_group = 1 + max(part.group.max() for part in parts if part.group.size)
         starts = zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)
         group = np.concatenate([part.group if part.group.size else free_group + part.visit + k for part, k in starts])
+    ratios = np.zeros((0, 3))
+    if any(part.axis_ratios.size for part in parts):
+        ratios = np.concatenate(
+            [part.axis_ratios if part.axis_ratios.size else np.ones((len(part), 3)) for part in parts]
+        )
     part_offsets = np.cumsum([0, *(len(part.measurements) for part in parts)])
     visit_offsets = np.cumsum([0, *(int(part.visit.max(initial=-1)) + 1 for part in parts)])
     return CalibrationData(
@@ -140,6 +150,7 @@ def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
         np.concatenate([part.part + k for part, k in zip(parts, part_offsets, strict=False)]),
         np.concatenate([part.visit + k for part, k in zip(parts, visit_offsets, strict=False)]),
         tuple(finding for part in parts for finding in part.findings),
+        ratios,
     )
 
 
@@ -206,7 +217,7 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
     si = {joint.name: joint_quantity(joint).si for joint in model.chain.joints}
     names = csv_columns.ColumnNames.parse(", ".join(dict.fromkeys(m.columns for m in measurements if m.columns)))
     read_names = "|".join({name for measurement in measurements for name in COLUMNS[measurement.kind]})
-    is_reading = re.compile(rf"(?:{read_names})_?[0-9A-Za-z]*|std|group").fullmatch
+    is_reading = re.compile(rf"(?:{read_names}|s[xyz])_?[0-9A-Za-z]*|std|group").fullmatch
     table = csv_columns.read(
         path,
         columns=lambda cells, row: recorded(cells, row, si, names),
@@ -221,8 +232,14 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
     q = np.array([table.column(joint.name, joint_quantity(joint)) for joint in model.chain.joints])
     q = measurements[0].mixing(model.chain) @ q
     std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
-    if (std <= 0).any():
-        raise _error(path, "std must be above zero", table.lines[int(np.nanargmin(std))])
+    target_stds = [_axis_stds(table, columns) for _, columns in targets]
+    for values in (std[:, None], *target_stds):
+        if (values <= 0).any():
+            line = table.lines[int(np.flatnonzero((values <= 0).any(axis=1))[0])]
+            raise _error(path, "std must be above zero, and so must sx, sy and sz", line)
+    has_axes = any(values.size for values in target_stds)
+    if has_axes and (std.size or not all(values.size for values in target_stds)):
+        raise _error(path, "give std, or sx, sy and sz of every target", 1)
     group = table.rows[:, table.names.index("group")] if "group" in table.names else np.zeros(0)
     if (group % 1 > 0).any():
         raise _error(path, "group must be a whole number", table.lines[int(np.flatnonzero(group % 1 > 0)[0])])
@@ -243,9 +260,11 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
         unique, repeats = _drop_copies(row_contents, table.lines, path)
     is_new = np.isin(np.arange(q.shape[1]), unique) & has_pose
     target_readings = [_values(table, columns, target) for target, columns in targets]
-    read_masks = [np.asarray(np.isfinite(values).all(axis=1)) for values in target_readings]
+    complete = [np.hstack(pair) for pair in zip(target_readings, target_stds, strict=True)]
+    read_masks = [np.asarray(np.isfinite(values).all(axis=1)) for values in complete]
     for (_, columns), is_there in zip(targets, read_masks, strict=True):
-        findings += _missing_findings(" or ".join(columns), ~is_there & is_new, table.lines, path)
+        cells = (*columns, *(_std_columns(columns) if has_axes else ()))
+        findings += _missing_findings(" or ".join(cells), ~is_there & is_new, table.lines, path)
     usable = [is_there & is_new for is_there in read_masks]
     findings += [*repeats, *_dependence_findings(targets, target_readings, usable, path)]
     width = max(target.size for target, _ in targets)
@@ -255,10 +274,15 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
     # row by row, so that the targets of a row follow each other
     reading_rows, part = np.nonzero(np.array([usable[k] for k in present]).T)
     readings = np.array([_padded(target_readings[k], width) for k in present])[part, reading_rows]
+    row_std, ratios = std[reading_rows] if std.size else std, np.zeros((0, 3))
+    if has_axes:
+        axis_stds = np.array([target_stds[k] for k in present])[part, reading_rows]
+        row_std = np.sqrt((axis_stds**2).mean(axis=1))
+        ratios = axis_stds / row_std[:, None]
     return CalibrationData(
         np.ascontiguousarray(q[:, reading_rows]),
         readings,
-        std[reading_rows] if std.size else std,
+        row_std,
         group[reading_rows] if group.size else group,
         path,
         tuple(table.lines[row] for row in reading_rows),
@@ -267,11 +291,23 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
         part,
         reading_rows,
         tuple(findings),
+        ratios,
     )
 
 
 _Target = tuple[Measurement, tuple[str, ...]]
 """A measurement of one target, and its columns, if any."""
+
+
+def _std_columns(columns: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the standard deviations of a point's columns: ``sx1`` of ``x1``."""
+    return tuple(f"s{name}" for name in columns if name[0] in "xyz")
+
+
+def _axis_stds(table: csv_columns.Measured, columns: Sequence[str]) -> Array:
+    """Return the standard deviations of a target's lengths, ``(rows, 3)``, m; ``(rows, 0)`` if the file has none."""
+    names = [name for name in _std_columns(columns) if name in table.names]
+    return np.array([table.column(name, units.LENGTH) for name in names]).reshape(len(names), len(table.rows)).T
 
 
 def _targets(
@@ -310,7 +346,8 @@ def _targets(
 def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[_Target], path: str) -> None:
     """Raise for columns that are missing, unknown, or without a unit."""
     read_names = tuple(dict.fromkeys(name for _, columns in targets for name in columns))
-    known_names = (*chain.joint_names, *read_names, "std", "group")
+    std_names = _std_columns(read_names)
+    known_names = (*chain.joint_names, *read_names, *std_names, "std", "group")
     for name in table.names:
         if name not in known_names:
             hint = f"or ignore it: --columns '{name}=ignore' (readings of {targets[0][0].kind})"
@@ -323,7 +360,13 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
             f"otherwise: --columns 'NAME={missing_names[0]}'"
         )
         raise _error(path, message, 1)
-    kinds = {name: units.LENGTH for name in (*read_names, "std") if name in table.names and not name.startswith("r")}
+    for _, columns in targets:
+        names = _std_columns(columns)
+        absent = [name for name in names if name not in table.names]
+        if absent and len(absent) < len(names):
+            raise _error(path, f"no column for {', '.join(absent)}; {', '.join(names)} belong together", 1)
+    lengths = (*read_names, *std_names, "std")
+    kinds = {name: units.LENGTH for name in lengths if name in table.names and not name.startswith("r")}
     kinds |= {name: units.ANGLE for name in read_names if name.startswith("r")}
     kinds |= {joint.name: joint_quantity(joint) for joint in chain.joints}
     bare = [name for name, quantity in kinds.items() if not table.unit_of(name, quantity)]

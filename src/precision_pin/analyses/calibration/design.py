@@ -145,7 +145,7 @@ def stack_at_means(
     count = sum(len(station.rows) for station in stations)
     by_z, points = np.zeros((count, measurement.size, unit.root.shape[1])), np.zeros((count, measurement.size))
     by_nuisance = np.zeros((count, measurement.size, len(measurement.nuisances)))
-    variances, zero = (factor * measurement.deviations) ** 2, np.zeros(len(measurement.nuisances))
+    zero = np.zeros(len(measurement.nuisances))
     for station in stations:
         rows = list(station.rows)
         pose, error = station.at.posture.pose, station.at.error_at_means
@@ -153,7 +153,8 @@ def stack_at_means(
         points[rows] = measurement.predict(pose, error[:, None], zero[:, None])[:, 0]
         derivatives = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
         by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
-        root = station.noise_root(by_error, np.tile(variances, len(rows)), visits)
+        instrument: Array = factor**2 * measurement.covariance(pose)
+        root = station.noise_root(by_error, scipy.linalg.block_diag(*[instrument] * len(rows)), visits)
         white = scipy.linalg.solve_triangular(root, np.tile(derivatives, (len(rows), 1)), lower=True)
         parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
         by_z[rows], by_nuisance[rows] = parts

@@ -35,6 +35,7 @@ from precision_pin.analyses.calibration.design import (
     without,
 )
 from precision_pin.analyses.calibration.evaluation import Evaluation, Point
+from precision_pin.analyses.calibration.instrument import instrument_covariance
 from precision_pin.analyses.calibration.noise import Noise, Places, blocks_of
 from precision_pin.analyses.calibration.start import REWEIGHED, first_guess, readings_in_base, reweighed_sizes
 from precision_pin.analyses.readings import Station
@@ -75,7 +76,8 @@ class Problem:
 
     Attributes:
         instruments, part: The measurements, and the number of that of each reading, ``(P,)``.
-        readings, deviations: ``(P, m)`` each; a reading of fewer numbers has zeros beyond them, as its residuals have.
+        readings: ``(P, m)``; a reading of fewer numbers has zeros beyond them, as its residuals and covariance have.
+        instrument: Covariance of the instrument, ``(P, m, m)``, in the axes of ``readings``.
         visit: Readings of one visit were taken together, ``(P,)``.
         start: First nuisances, ``(k,)``.
         evaluation: The model at all stations, also at those that :meth:`without` omits.
@@ -85,7 +87,7 @@ class Problem:
     instruments: Instruments
     stations: tuple[Station, ...]
     readings: Array
-    deviations: Array
+    instrument: Array
     part: NDArray[np.intp]
     visit: NDArray[np.intp]
     start: Array
@@ -101,15 +103,25 @@ class Problem:
         tips = np.array([se3.displaced(*pair) for pair in zip(evaluation.poses, errors, strict=True)])
         poses, tips = evaluation.poses[evaluation.station], tips[evaluation.station]
         bases, start = first_guess(data, tips, instruments)
-        deviations = np.ones(data.readings.shape)
-        for k, part in enumerate(data.measurements):
-            rows = np.flatnonzero(data.part == k)
-            stds = data.std[rows] if data.std.size else np.full(rows.size, part.std)
-            # if std is estimated, the file's values give only the ratios
-            reference_std = part.std if part.std_known else np.sqrt((stds**2).mean())
-            deviations[rows, : part.size] = part.deviations * (stds / reference_std)[:, None]
         readings = readings_in_base(data, poses, bases)
-        return cls(model, instruments, stations, readings, deviations, data.part, data.visit, start, evaluation), bases
+        noise = instrument_covariance(data, readings, bases)
+        return cls(model, instruments, stations, readings, noise, data.part, data.visit, start, evaluation), bases
+
+    @cached_property
+    def deviations(self) -> Array:
+        """Standard deviation of the instrument, ``(P, m)``."""
+        return np.asarray(np.sqrt(np.diagonal(self.instrument, axis1=1, axis2=2)))
+
+    def scaled(self, factors: Array) -> Problem:
+        """Return the problem with the instrument's deviations times factors that broadcast to ``(P, m)``."""
+        factors = np.broadcast_to(factors, self.readings.shape)
+        return replace(self, instrument=factors[:, :, None] * self.instrument * factors[:, None])
+
+    def instrument_at(self, places: Places) -> Array:
+        """Return the covariance of the instrument of the numbers read at stations, ``([S, ]b, b)``."""
+        rows, columns = places
+        is_one = rows[..., :, None] == rows[..., None, :]
+        return np.where(is_one, self.instrument[rows[..., :, None], columns[..., :, None], columns[..., None, :]], 0.0)
 
     @cached_property
     def unit(self) -> UnitNumbers:
@@ -159,18 +171,17 @@ class Problem:
         blocks, covariances = blocks_of(self.places), []
         for block in blocks:
             rows, slopes = block.places[0], by_error[block.places]
-            stations, diagonal = self.evaluation.station[rows[:, 0]], range(rows.shape[1])
+            stations, visits = self.evaluation.station[rows[:, 0]], self.visit[rows]
             visit, pose = (
                 slopes @ scopes[scope][stations] @ slopes.swapaxes(1, 2) for scope in (Scope.VISIT, Scope.POSE)
             )
-            visits, covariance = self.visit[rows], np.zeros((*rows.shape, rows.shape[1]))
-            covariance[:, diagonal, diagonal] = self.deviations[block.places] ** 2
-            covariances.append(covariance + visit * (visits[:, :, None] == visits[:, None]) + pose)
+            instrument = self.instrument_at(block.places)
+            covariances.append(instrument + visit * (visits[:, :, None] == visits[:, None]) + pose)
         try:
             return Noise(self.readings.shape, blocks, covariances)
         except np.linalg.LinAlgError:
             for station, places in zip(self.stations, self.places, strict=True):
-                station.noise_root(by_error[places], self.deviations[places] ** 2, self.visit[places[0]])
+                station.noise_root(by_error[places], self.instrument_at(places), self.visit[places[0]])
             raise
 
     @property
@@ -736,8 +747,8 @@ def _blocks(
     random = by_z if has_prior else by_z[:, :0]
     white, blocks = np.hstack([random, basis, readings[:, None]]), []
     for (_, places, span, root), noise in zip(problem.at_stations, problem.noise.covariances, strict=True):
-        variances = problem.deviations[places] ** 2
-        per_kind = np.array([np.diag(variances * mask[places]) for mask in masks])
+        instrument = problem.instrument_at(places)
+        per_kind = np.array([instrument * np.outer(mask[places], mask[places]) for mask in masks])
         blocks.append((noise - per_kind.sum(axis=0), per_kind, root @ white[span]))
     return blocks, random.shape[1]
 

@@ -619,11 +619,13 @@ def simulate_calibrations(
     readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
     by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement))
     estimator = design.Estimator.of(by_z, by_nuisance, has_prior=True)
-    deviations = np.tile(measurement.deviations, (len(readings), 1))
+    noise = np.zeros((len(readings), measurement.size, measurement.size))
+    for station in stations:
+        noise[list(station.rows)] = measurement.covariance(station.at.posture.pose)
     indices = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
     instruments, start = design.Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
     evaluation = Evaluation(model.space, instruments, stations, indices[0])
-    roots = Problem(model, instruments, stations, readings, deviations, *indices, start, evaluation).roots
+    roots = Problem(model, instruments, stations, readings, noise, *indices, start, evaluation).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
 
     def whitened_residuals() -> Array:

@@ -264,6 +264,7 @@ def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, 
         entries = data["data"]
         q, readings = (np.array(entries[name], dtype=float) for name in ("q", "readings"))
         std, group = (np.array(entries.get(name, ()), dtype=float) for name in ("std", "group"))
+        ratios = np.array(entries.get("axis_ratios", ()), dtype=float).reshape(-1, 3)
         part, visit = (np.array(entries.get(name, ()), dtype=np.intp) for name in ("measured_by", "visit"))
         lines = tuple(map(int, data["lines"]))
     except (AttributeError, KeyError, TypeError, ValueError):
@@ -275,13 +276,14 @@ def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, 
             "another way; give the options of that calibration"
         )
     return CalibrationData(
-        np.ascontiguousarray(q.T), readings, std, group, file, lines, devices, (file,) * len(devices), part, visit
+        *(np.ascontiguousarray(q.T), readings, std, group, file, lines, devices, (file,) * len(devices), part, visit),
+        axis_ratios=ratios,
     )
 
 
 def _set_up(measurement: dict[str, Any]) -> dict[str, Any]:
     """Return a measurement in the JSON without the name of its target, given by a file of several targets."""
-    return {"base_name": "", **measurement, "target_name": "", "nuisances": []}
+    return {"base_name": "", "sight": None, "stands_at": None, **measurement, "target_name": "", "nuisances": []}
 
 
 def _calibration_evidence(

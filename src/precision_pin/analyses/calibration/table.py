@@ -23,6 +23,7 @@ from precision_pin.analyses.calibration.forecast import (
     PosesOutcome,
     Posterior,
 )
+from precision_pin.analyses.calibration.instrument import fitted_covariance
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import FactoryCalibration, Population
 from precision_pin.analyses.provenance import Provenance
@@ -197,7 +198,7 @@ def datum_table(result: DatumPlan) -> str:
 
 def describe_measurement(measurement: Measurement) -> str:
     """Return a description of instrument and set-up."""
-    parts = [f"{measurement.kind}, std {1e6 * measurement.std:.4g} µm"]
+    parts = [f"{measurement.kind}, std {measurement.sight or f'{1e6 * measurement.std:.4g} µm'}"]
     if measurement.kind == "pose":
         parts.append(f"{1e6 * float(measurement.deviations[-1]):.4g} µrad")
     parts.append(f"target at {_point(measurement.target)} mm{'' if measurement.target_known else ' (estimated)'}")
@@ -528,6 +529,7 @@ class WorstReadings(NamedTuple):
         data, fitted_measurements = result.data, _fitted_measurements(result)
         points, after, before = np.zeros((3, 3, rows.size))
         deviations = np.zeros(rows.size)
+        instrument = fitted_covariance(data, [set_up.base for set_up in result.set_ups])
         selection = replace(
             data, q=data.q[:, rows], readings=data.readings[rows], part=data.part[rows], visit=np.arange(rows.size)
         )
@@ -548,9 +550,9 @@ class WorstReadings(NamedTuple):
                 before[:, k] = result.residuals_before[row, : len(directions)] @ directions
                 if place is not None:
                     after[:, k] = (data.readings[row, :3] - place[:3, 3]) @ place[:3, :3] - point
-                scale = data.std[row] / measurement.std if data.std.size else 1.0
                 one_visit = np.zeros(measurement.size, dtype=np.intp)
-                noise = station.noise(slopes.error, (scale * measurement.deviations) ** 2, one_visit)
+                covariance = instrument[row, : measurement.size, : measurement.size]
+                noise = station.noise(slopes.error, covariance, one_visit)
                 residual = result.residuals[row, : measurement.size].copy()
                 residual[:3] = after[:, k] if fitted.place is None else residual[:3]
                 deviations[k] = np.sqrt(residual @ np.linalg.solve(noise, residual))
@@ -568,7 +570,8 @@ def _fitted_measurements(result: CalibrationResult) -> list[Measurement]:
     for measurement, set_up in zip(result.data.measurements, result.set_ups, strict=True):
         places = {name: getattr(set_up, name) for name in ("target", "anchor", "plane", "sockets")}
         values = {name: place.tolist() for name, place in places.items() if place is not None}
-        measurements.append(replace(measurement, base="known", target_known=True, **values))
+        known = replace(measurement, base="known", target_known=True, sight=None, stands_at=None, **values)
+        measurements.append(known)
     return measurements
 
 

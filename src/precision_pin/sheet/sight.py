@@ -1,0 +1,87 @@
+"""Standard deviation of an instrument that measures along a line of sight, such as a laser tracker.
+
+At the distance r the standard deviations are ``a₀ + a₁ r`` along the line and ``b₀ + b₁ r`` in each direction across it. With
+the unit vector u of the line, a reading of a point has the covariance
+
+    (a₀ + a₁ r)² u uᵀ + (b₀ + b₁ r)² (I - u uᵀ).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from precision_pin.base import units
+from precision_pin.base.arguments import shown
+from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
+from precision_pin.base.units import LENGTH, RELATIVE_LENGTH
+
+DIRECTIONS: Final = ("along", "across")
+_PLUS: Final = re.compile(r"(?<![eE])\+")
+_DEFAULT: Final = "10 um + 5 um/m"
+
+
+class SightEntry(BaseModel):
+    """Standard deviations along the line of sight and across it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    along: str = Field(description="Along the line of sight, such as '10 um + 0.3 um/m'.")
+    across: str = Field(description="In each direction across it, such as '15 um + 6 um/m'.")
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Standard deviations: a constant, m, and a share of the distance, m/m, each along the line of sight and across it."""
+
+    along: tuple[float, float]
+    across: tuple[float, float]
+
+    @classmethod
+    def of(cls, value: Mapping[str, object]) -> Sight:
+        """Return the deviations of ``{along: …, across: …}``, texts or lengths in m; raise for anything else."""
+        if set(value) != set(DIRECTIONS):
+            raise InputError(
+                f"std of a measurement needs along and across, such as {{along: {_DEFAULT}, across: {_DEFAULT}}}, got "
+                f"{shown(', '.join(map(str, value)))}"
+            )
+        return cls(*(_terms(name, value[name]) for name in DIRECTIONS))
+
+    def covariance(self, origin: Array, points: Array) -> Array:
+        """Return the covariances ``(P, 3, 3)``, m², of points ``(P, 3)`` read from an origin ``(3,)``, in their axes, m."""
+        lines = np.asarray(points) - origin
+        distances = np.linalg.norm(lines, axis=1)
+        # at the origin itself there is no line, and all directions are across
+        directions = lines / np.where(distances > 0, distances, 1.0)[:, None]
+        along, across = ((constant + share * distances) ** 2 for constant, share in (self.along, self.across))
+        lengthwise = np.einsum("pi,pj->pij", directions, directions)
+        return np.asarray(across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * lengthwise)
+
+    def __str__(self) -> str:
+        texts = (f"{1e6 * constant:.4g} µm + {1e6 * share:.4g} µm/m" for constant, share in (self.along, self.across))
+        return ", ".join(f"{text} {name}" for text, name in zip(texts, DIRECTIONS, strict=True))
+
+
+def _terms(name: str, value: object) -> tuple[float, float]:
+    """Return constant and share of ``"10 um + 0.3 um/m"``, in either order; of a number in m."""
+    what = f"std, {name} the line of sight,"
+    terms: dict[str, float] = {}
+    texts = _PLUS.split(value) if isinstance(value, str) else [f"{value} m"]
+    for text in texts:
+        try:
+            number = units.parse(text, LENGTH, RELATIVE_LENGTH)
+        except InputError as error:
+            raise InputError(f"{what} such as {_DEFAULT!r}: {error.findings[0].message}") from None
+        quantity = "share" if units.split(text)[1] in RELATIVE_LENGTH.units else "constant"
+        if number < 0 or quantity in terms:
+            raise InputError(f"{what} must be a length and a share of the distance, not negative, got {shown(value)}")
+        terms[quantity] = number
+    if not terms.get("constant"):
+        raise InputError(f"{what} must have a length above zero, as {_DEFAULT!r} has, got {shown(value)}")
+    return terms["constant"], terms.get("share", 0.0)
