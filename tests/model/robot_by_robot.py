@@ -144,10 +144,12 @@ class Robots:
 
     # procedures ------------------------------------------------------------------------------------------------------
 
-    def best_fit(self, first: int, poses: Sequence[Array], noise: Array) -> None:
-        """Align readings with the nominal tips; ``noise`` is ``(visits, n, 6)`` here and below."""
-        nominal = np.array([self.nominal(q, self.tip)[:3, 3] for q in poses])
-        seen = [self.true(first + k, q, self.command(q, self.tip), self.tip)[:, :3, 3] for k, q in enumerate(poses)]
+    def best_fit(self, first: int, poses: Sequence[Array], noise: Array, point: Array) -> None:
+        """Align readings of a point of the tool with nominal ones; ``noise`` is ``(visits, n, 6)`` here and below."""
+        held = np.append(point, 1.0)
+        nominal = np.array([(self.nominal(q, self.tip) @ held)[:3] for q in poses])
+        tips = [self.true(first + k, q, self.command(q, self.tip), self.tip) for k, q in enumerate(poses)]
+        seen = [(tip @ held)[:, :3] for tip in tips]
         readings = np.stack([points + noise[k, :, :3] for k, points in enumerate(seen)], axis=1)
         for k, points in enumerate(readings):
             fit, _ = Rotation.align_vectors(nominal - nominal.mean(axis=0), points - points.mean(axis=0))

@@ -133,6 +133,8 @@ def datum(name: str, kind: str, seed: int = 1) -> Datum:
     several = postures(model, 7, seed)
     if kind == "best_fit":
         return Datum.best_fit(several[:5], 1e-4)
+    if kind == "reflector":
+        return Datum.best_fit(several[:5], 1e-4, point=(0.06, -0.04, 0.09), name="reflector")
     if kind == "taught":
         return Datum.taught(several[0], {"std": 1e-4, "attitude": 3e-4})
     if kind == "three_points":
@@ -159,6 +161,8 @@ def carry_out(robots: Robots, model: ErrorModel, x: np.ndarray, task: np.ndarray
                 robots.hand_eye(first, poses[:-1], poses[-1], noise, task, *setting)
             else:
                 robots.eye_to_hand(first, poses, noise, task, *setting)
+        elif entry.kind == "best_fit":
+            robots.best_fit(first, poses, noise, np.zeros(3) if entry.point is None else np.array(entry.point))
         else:
             getattr(robots, entry.kind)(first, poses, noise)
         first += len(poses)
@@ -169,7 +173,7 @@ SIMULATED = [
     ("scara", ("best_fit",)), ("panda", ("tool_pivot", "three_points")), ("scara", ("three_points",)),
     ("scara", ("taught",)), ("five", ("three_points", "hand_eye")),
     ("six", ("best_fit", "three_points")), ("six", ("hand_eye",)), ("six", ("three_points", "eye_to_hand")),
-    ("six", ("tool_pivot", "taught")),
+    ("six", ("tool_pivot", "taught")), ("scara", ("reflector",)), ("six", ("three_points", "reflector")),
 ]  # fmt: skip
 
 
@@ -200,6 +204,7 @@ CHAINS = [
     ("six", ("tool_pivot", "three_points")), ("six", ("best_fit", "three_points", "taught")),
     ("six", ("three_points", "hand_eye")), ("panda", ("tool_pivot", "best_fit", "eye_to_hand")),
     ("scara", ("best_fit", "three_points")), ("five", ("three_points", "hand_eye")), ("five", ("tool_pivot", "eye_to_hand")),
+    ("six", ("reflector",)), ("panda", ("tool_pivot", "reflector")),
 ]  # fmt: skip
 
 
@@ -286,6 +291,23 @@ def test_cameras_do_not_see_the_tool_behind_their_link(kind: str) -> None:
     # a tool that is the same at all visits is absorbed by camera or board; one that moves anew at each is not
     loose = frames({"frame": "tool"}, scope=Scope.VISIT)
     np.testing.assert_allclose(covariance(loose, noiseless(kind)), covariance(loose), rtol=0, atol=1e-15)
+
+
+def test_the_point_that_is_read_is_that_of_the_robot_whatever_results_are_about() -> None:
+    shaken, several = frames({"joint": "joint2"}, {"frame": "tool"}), noiseless("best_fit").poses
+    q, point, target = postures(shaken, 1, 50)[0], np.array([0.06, -0.04, 0.09]), [0.1, 0.02, -0.03]
+    # a target there is the point, as if it were the tip; from there a rigid body takes the error to another target
+    there = (
+        ErrorModel(shaken.chain.with_target(point), shaken.space, shaken.sources).against(Datum.best_fit(several)).at(q)
+    )
+    other = ErrorModel(shaken.chain.with_target(target), shaken.space, shaken.sources)
+    carried = np.eye(6)
+    lever = there.posture.pose[:3, :3] @ (target - point)
+    carried[:3, 3:] = -np.array([[0, -lever[2], lever[1]], [lever[2], 0, -lever[0]], [-lever[1], lever[0], 0]])
+    expected = carried @ there.covariance @ carried.T
+    found = other.against(Datum.best_fit(several, point=point)).at(q).covariance
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    assert not np.allclose(other.against(Datum.best_fit(several)).at(q).covariance, expected, rtol=1e-2)
 
 
 def test_taught_at_the_pose_of_the_task_leaves_visits_and_touch() -> None:

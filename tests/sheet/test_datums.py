@@ -35,6 +35,7 @@ PLACES = {
     ("text", "expected"),
     [
         ("{best_fit: {poses: [a, b, c], std: 0.02 mm}}", Datum.best_fit(["a", "b", "c"], 2e-5)),
+        ("{best_fit: {poses: [a, b, c], point: 50 0 -30 mm}}", Datum.best_fit(["a", "b", "c"], point=[0.05, 0, -0.03])),
         ("{taught: {pose: b, touch: {std: 0.05 mm, attitude: 0.2 mrad}}}", Datum.taught("b", 5e-5)),
         ("{three_points: {origin: a, x: b, xy: c, touch: 0.05 mm}}", Datum.three_points("a", "b", "c", 5e-5)),
         (f"{{eye_to_hand: {{{CAMERA}, {NOISE}}}}}", Datum.eye_to_hand(list("abcd"), noise=(5e-5, 2.5e-4), **PLACES)),
@@ -73,6 +74,7 @@ WRONG = {
     "f: {best_fit: {poses: [a, a, a2]}}": "datum f: the points of a best_fit lie on a line",
     "f: {best_fit: {poses: [a, b]}}": "2 poses for a datum; give at least 3",
     "f: {best_fit: {poses: [a, b, c], random: 4}}": "a best_fit needs poses: .*, or random: 30",
+    "f: {best_fit: {poses: [a, b, c], point: 50 0 mm}}": "'50 0 mm' has 2 numbers, expected 3",
     "f: {best_fit: {random: 2.5}}": "a whole number of poses from 3 on, got 2.5",
     "f: {tool_pivot: {poses: [a, b, c]}}": "datum f: the tip must be at one point in all poses of a tool_pivot",
     "f: {tool_pivot: {poses: [a, a2, a]}}": "datum f: the attitudes of a tool_pivot need at least two axes",

@@ -242,9 +242,10 @@ class _Visit:
 
     Attributes:
         q: Joint values.
-        link, frame: Chain link, and the tip or flange in its axes.
-        place: Tip or flange in the base.
+        link, frame: Chain link, and the tip, flange or point in its axes.
+        place: Tip, flange or point in the base.
         at: The model of its error.
+        is_tip: Whether it is the tip, which moves with the tool found.
     """
 
     q: Array
@@ -252,6 +253,7 @@ class _Visit:
     frame: Array
     place: Array
     at: PoseModel
+    is_tip: bool
 
 
 class ArmModel(Protocol):
@@ -328,8 +330,7 @@ class Procedures:
         """Return what the datums before a datum add at one of its visits."""
         if visit not in self._added_at:
             entry = self.visits[visit]
-            is_tip = self.datums[number].frame is None
-            self._added_at[visit] = self._added(number, entry.place, entry.q, is_tip=is_tip)
+            self._added_at[visit] = self._added(number, entry.place, entry.q, is_tip=entry.is_tip)
         return self._added_at[visit]
 
     def part(self, posture: Posture) -> DatumPart:
@@ -355,7 +356,8 @@ class Procedures:
         """Return a visit, with the error of the tip or of the flange before what it carries."""
         at = self.arm.at(datum.visits[number])
         posture, chain = at.posture, self.arm.chain
-        link, frame = len(chain.joints), chain.target_placement
+        point = chain.target if datum.place is None else datum.place
+        link, frame = len(chain.joints), chain.with_target(point).target_placement
         terms = tuple(at.terms)
         if datum.frame is not None:
             where = chain.link_frame(datum.frame)
@@ -372,7 +374,8 @@ class Procedures:
             terms = tuple(replace(term, factors=tuple(renamed(f, names) for f in term.factors)) for term in terms)
         place = se3.compose(posture.link_poses[link], frame)
         table = replace(TableLayout.of(terms, self.space).at(posture, terms), pose=place)
-        return _Visit(posture.q, link, frame, place, PoseModel(posture, self.space, table, terms))
+        is_tip = datum.frame is None and datum.place is None
+        return _Visit(posture.q, link, frame, place, PoseModel(posture, self.space, table, terms), is_tip)
 
     # robots solved one by one ------------------------------------------------------------------------------------
 
@@ -408,7 +411,7 @@ class _Robots:
     def __init__(self, procedures: Procedures, at: PoseModel, x: Array) -> None:
         self._chain, self._x, self._count = procedures.arm.chain, x, x.shape[1]
         link, frame = len(self._chain.joints), self._chain.target_placement
-        task = _Visit(at.posture.q, link, frame, at.posture.pose, at.arm)
+        task = _Visit(at.posture.q, link, frame, at.posture.pose, at.arm, is_tip=True)
         self._visits = (*procedures.visits, task)
         self._displacements: dict[int, Array] = {}
         self.first = 0
@@ -438,8 +441,7 @@ class _Robots:
         """Return where the controller believes it to be, in the frame found so far."""
         entry = self._visits[self.first + visit]
         place = se3.compose(se3.inverse(self._change), self._links(q)[entry.link], entry.frame)
-        is_tip = entry.link == len(self._chain.joints) and np.array_equal(entry.frame, self._chain.target_placement)
-        return se3.compose(place, se3.translation(self._tool)) if is_tip else place
+        return se3.compose(place, se3.translation(self._tool)) if entry.is_tip else place
 
     def jog(self, visit: int, pose: Array) -> Array:
         """Return joint values at which the true pose is as wanted."""

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_numbers, check_quantity, check_text, shown
@@ -143,6 +144,11 @@ class Datum(ABC):
         return None
 
     @property
+    def place(self) -> Array | None:
+        """Point whose error counts at the visits, in the axes of the robot's tip, ``(3,)``, m; None for the tip."""
+        return None
+
+    @property
     @abstractmethod
     def visits(self) -> tuple[Pose, ...]:
         """Poses of the procedure."""
@@ -184,16 +190,20 @@ class Datum(ABC):
     # constructors --------------------------------------------------------------------------------------------------
 
     @staticmethod
-    def best_fit(poses: Sequence[Pose], std: object = 0.0, *, name: str = "best_fit") -> Datum:
-        """Return the frame in which an instrument's readings of the tip fit their nominal positions best.
+    def best_fit(
+        poses: Sequence[Pose], std: object = 0.0, *, point: ArrayLike | None = None, name: str = "best_fit"
+    ) -> Datum:
+        """Return the frame in which an instrument's readings of a point of the tool fit its nominal positions best.
 
         Args:
             poses: Poses of the readings, at least three: names, joint values or approached poses.
             std: Standard deviation of each coordinate of a reading, m, or text such as ``"0.02 mm"``.
+            point: The point that is read, such as a reflector, in the tip's axes, m, ``(3,)``, whatever the results
+                are about; default: the tip, or the target.
             name: Name in results.
 
         Raises:
-            InputError: Fewer than three poses; a negative number.
+            InputError: Fewer than three poses; a negative number; not a point.
 
         Examples:
             >>> model = pp.ErrorModel.load("4dof.errors.yaml")
@@ -202,7 +212,8 @@ class Datum(ABC):
             >>> print(model.against(cell).at("paper").covariance.shape)
             (6, 6)
         """
-        return BestFit(name=name, poses=_listed(poses, 3), std=_std(std))
+        place = None if point is None else tuple(check_numbers("the point of a best_fit", point, (3,)).tolist())
+        return BestFit(name=name, poses=_listed(poses, 3), std=_std(std), point=place)
 
     @staticmethod
     def taught(pose: Pose, touch: object = 0.0, *, turns: bool | None = None, name: str = "taught") -> Datum:
@@ -308,12 +319,18 @@ class Datum(ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BestFit(Datum):
-    """Best-fit alignment of readings of the tip."""
+    """Best-fit alignment of readings of the tip, or of a point of the tool."""
 
     kind: ClassVar[str] = "best_fit"
     is_commanded: ClassVar[bool] = False
     poses: tuple[Pose, ...]
     std: float
+    point: tuple[float, ...] | None = None
+
+    @property
+    def place(self) -> Array | None:
+        """The point that is read."""
+        return None if self.point is None else np.array(self.point)
 
     @property
     def visits(self) -> tuple[Pose, ...]:

@@ -52,13 +52,16 @@ VisitEntry = str | list[str] | dict[str, str]
 
 
 class BestFitEntry(_Entry):
-    """Alignment of an instrument's readings of the tip with their nominal positions."""
+    """Alignment of an instrument's readings of the tip, or of a point of the tool, with their nominal positions."""
 
     poses: list[VisitEntry] | str | None = Field(
         None, description="Poses that are read: names or joint values, or the file of a grid, relative to the sheet."
     )
     random: str | None = Field(None, description="Number of random poses that are read, instead of poses.")
     std: str = Field("0 mm", description="Standard deviation of each coordinate of a reading.")
+    point: str | None = Field(
+        None, description="Point that is read, in the axes of the robot's tip (default: the tip, or the target)."
+    )
 
 
 class TaughtEntry(_Entry):
@@ -163,6 +166,7 @@ def check_datum(datum: Datum, chain: Chain, poses: Mapping[str, Array]) -> None:
         return poses[pose] if isinstance(pose, str) else chain.configuration(pose)
 
     bound = datum.bound(len(chain.joints), configuration)
+    chain = chain if bound.place is None else chain.with_target(bound.place)
     frame = chain.placements[-1] if bound.frame is None else chain.link_frame(bound.frame).frame
     link = len(chain.joints) if bound.frame is None else chain.link_frame(bound.frame).link
     postures = [chain.at(configuration(visit)) for visit in bound.visits]
@@ -174,13 +178,15 @@ def _best_fit(name: str, entry: BestFitEntry, chain: Chain, poses: Mapping[str, 
     if (entry.poses is None) == (entry.random is None):
         raise InputError("a best_fit needs poses: [a, b, c], poses: GRID.yaml, or random: 30")
     std = _number("std", entry.std, LENGTH)
+    with placed("point"):
+        point = None if entry.point is None else units.parse_vector(entry.point, LENGTH, count=3)
     if entry.poses is not None:
-        return Datum.best_fit(entry.poses, std, name=name)
+        return Datum.best_fit(entry.poses, std, point=point, name=name)
     with placed("random"):
         count = units.parse(entry.random, units.RATIO)
         if count != int(count) or count < 3:
             raise InputError(f"expected a whole number of poses from 3 on, got {entry.random}")
-        return Datum.best_fit(list(random_poses(chain, int(count)).q.T), std, name=name)
+        return Datum.best_fit(list(random_poses(chain, int(count)).q.T), std, point=point, name=name)
 
 
 def _taught(name: str, entry: TaughtEntry, chain: Chain, poses: Mapping[str, Array]) -> Datum:

@@ -2,9 +2,11 @@
 
 import itertools
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from analyses.calibration.arms import plain_model, random_poses, readings_of
@@ -69,11 +71,11 @@ def sheet(tmp_path):
     return tmp_path / "arm.errors.yaml"
 
 
-def calibrated(sheet, name, count=24):
+def calibrated(sheet, name, count=24, measurement=None):
     """Return the calibration of a robot by a sheet, and its model as from the sheet that is written."""
     model = pp.ErrorModel.load(sheet)
     q = random_poses(4, count)
-    result = pp.calibrate(model, (q, pp.simulate(model, q, unit=4).values))
+    result = pp.calibrate(model, (q, pp.simulate(model, q, measurement, unit=4).values), measurement)
     (sheet.parent / result_name(name)).write_text(result.to_json())
     (sheet.parent / name).write_text(calibrated_sheet(str(sheet), str(sheet.parent / name), measured_frame(result)))
     return result, pp.ErrorModel.load(sheet.parent / name)
@@ -96,6 +98,26 @@ def test_errors_in_the_frame_of_the_readings_are_those_seen(sheet, count):
     worst = max(result.poses, key=lambda entry: entry.quantile("after"))
     assert f"{1e3 * worst.quantile('after'):.2g}"[:4] in line
     assert f"{1e3 * worst.quantile('seen'):.2g}"[:4] in line
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_frame_is_that_of_the_target_that_was_read(sheet, known):
+    target = np.array([0.2, 0.3, 0.1])
+    reflector = pp.Measurement("position", std="20 um", target=target, target_known=known, base="free")
+    result, model = calibrated(sheet, "left.yaml", measurement=reflector)
+    chain, places = model.chain, result.set_up.base
+    fitted = result.set_up.target
+    assert np.allclose(fitted, target, atol=0 if known else 1e-4)
+    nominal = np.array([chain.at(q).pose[:3] @ [*fitted, 1.0] for q in result.data.q.T])
+    readings = result.data.readings
+    turn, _ = Rotation.align_vectors(nominal - nominal.mean(axis=0), readings - readings.mean(axis=0))
+    for name in ("work", "home"):
+        # where the calibrated arm goes, as the instrument sees it, in the frame that fits all its readings
+        tip = places[:3] @ result.predict(name)[:, 3]
+        there = turn.apply(tip - readings.mean(axis=0)) + nominal.mean(axis=0) - chain.at(model.poses[name]).pose[:3, 3]
+        assert np.allclose(model.at(name).error_at_means[:3], there, rtol=0, atol=3e-6)
+    by_tip = model.against(replace(model.datums[0], point=None))
+    assert np.linalg.norm((by_tip.at("work").error_at_means - model.at("work").error_at_means)[:3]) > 2e-5
 
 
 def test_a_frame_is_replaced_and_a_datum_of_the_sheet_stays(sheet):

@@ -33,7 +33,8 @@ def measured_frame(result: CalibrationResult) -> dict[str, Any] | None:
     """Return the entry of the datum in a sheet; None if the base was known or the readings do not determine a frame.
 
     Of more than :data:`MOST_POSES` poses some are taken, evenly over the readings. The standard deviation is such that
-    they weigh as much as all readings: the instrument's times the root of the number of poses per reading.
+    they weigh as much as all readings: the instrument's times the root of the number of poses per reading. The point is
+    the target, of several their mean: a robot's errors of attitude displace it otherwise than the tip.
     """
     data, chain = result.data, result.original.chain
     bases = [part.base_name if part.displaces_base else None for part in data.measurements]
@@ -48,12 +49,14 @@ def measured_frame(result: CalibrationResult) -> dict[str, Any] | None:
     stds = length_stds(fitted_covariance(data, [set_up.base for set_up in result.set_ups]))
     std = float(np.sqrt(len(chosen) / (1 / np.square(stds[rows])).sum()))
     joint_values = list(data.q[:, chosen].T)
+    target = np.mean([result.set_ups[part].target for part in data.part[rows]], axis=0)
     try:
-        Datum.best_fit(joint_values, std).maps(np.array([chain.at(q).pose for q in joint_values]))
+        Datum.best_fit(joint_values, std).maps(np.array([chain.with_target(target).at(q).pose for q in joint_values]))
     except InputError:
         return None
     texts = [sheet_values(chain.joint_names, chain.prismatic, q.tolist()) for q in joint_values]
-    return {"best_fit": {"std": f"{1e3 * std:.6g} mm", "poses": texts}}
+    point = " ".join(f"{1e3 * value:.6g}" for value in target)
+    return {"best_fit": {"std": f"{1e3 * std:.6g} mm", "point": f"{point} mm", "poses": texts}}
 
 
 _MAX_SHEET_BYTES: Final = 4 * 2**20
@@ -108,9 +111,9 @@ def calibrated_sheet(original: str, new: str, frame: Mapping[str, Any] | None = 
 
 def _with_frame(text: str, frame: Mapping[str, Any]) -> str:
     """Return the text of a sheet with the frame among its datums, in the place of that of a calibration before."""
-    std, poses = frame["best_fit"].values()
+    std, point, poses = frame["best_fit"].values()
     listed = ",\n".join(f"      {json.dumps(pose)}" for pose in poses)
-    entry = f"{FRAME}: {{best_fit: {{std: {std}, poses: [\n{listed}]}}}}\n"
+    entry = f"{FRAME}: {{best_fit: {{std: {std}, point: {point}, poses: [\n{listed}]}}}}\n"
     comment = f"# readings: {len(poses)} of their poses, with the weight of all\n"
     if not _DATUMS.search(text := _FRAME.sub("", text)):
         text = re.sub(r"^datums[ \t]*:[ \t]*\n", "", text, flags=re.MULTILINE)
