@@ -273,7 +273,7 @@ def _datum_calls():
     touches = {"touch": f"{NOT_NEGATIVE}, empty mapping"}
     words = {"std": "noise", "touch": "noise|touch", "x": JOINT_OR_POSE}
     yield call(lambda poses, std, point: small.against(pp.Datum.best_fit(poses, std, point=point)), words, "Datum.best_fit",
-               poses=poses, std=1e-5, point=np.array([0.05, 0.0, 0.03]), fine={"std": NOT_NEGATIVE, "point": OPTIONAL})  # fmt: skip
+               poses=poses, std=1e-5, point=np.full(3, 0.05), fine={"std": NOT_NEGATIVE, "point": OPTIONAL})  # fmt: skip
     yield call(lambda pose, touch: small.against(pp.Datum.taught(pose, touch)), words, "Datum.taught", pose=POSE, touch=1e-5,
                fine=touches | {"pose": OPTIONAL})  # fmt: skip
     yield call(lambda x, touch: small.against(pp.Datum.three_points(poses[0], x, poses[2], touch)), words, "Datum.three_points",

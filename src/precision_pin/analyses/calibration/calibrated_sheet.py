@@ -25,8 +25,9 @@ from precision_pin.sheet.text import read_text
 
 FRAME: Final = "measured"
 """Name of the datum in the sheet."""
-MOST_POSES: Final = 30
-"""Largest number of its poses: a best fit of more takes longer and hardly differs."""
+MOST_POSES: Final = 100
+"""Largest number of its poses: 100,000 robots take 2 s longer. The best fit of fewer is another frame: of 30 of 40 readings
+of a UR5 that is 1.5 mm off it was 0.15 mm from that of all."""
 
 
 def measured_frame(result: CalibrationResult) -> dict[str, Any] | None:
