@@ -292,7 +292,7 @@ def _page_calls():
     yield call(lambda model, pose, **numbers: pp.export(model, "built", pose, **numbers), {}, "export",
                model=read_model, pose=POSE, units=1, first=0, seed=0,
                fine={"pose": OPTIONAL, "first": "zero", "seed": "zero"})  # fmt: skip
-    yield call(pp.init, {"robot": "robot|file"}, robot=read_model.chain.robot.file, tip="tool", base=None,
+    yield call(pp.init, {"robot": "robot|file"}, robot=read_model.chain.robot.file, tip="tool", base=None, calibration=False,
                fine={"tip": OPTIONAL, "base": OPTIONAL})  # fmt: skip
 
 

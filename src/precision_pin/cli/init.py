@@ -26,6 +26,11 @@ from precision_pin.cli.terminal import echo_note, echo_warnings
 @quiet_option
 @output_option("--force", is_flag=True, help="Overwrite the sheet if it is there.")
 @headed_option(
+    "--calibration",
+    is_flag=True,
+    help="Write the sheet of a complete calibration: geometry, zeros and compliances of all joints free, base and target too.",
+)
+@headed_option(
     "--mend-inertia",
     is_flag=True,
     help="Write a copy of a URDF whose inertias no body can have, with the nearest that one can; masses stay.",
@@ -38,6 +43,7 @@ def command(
     package_dirs: tuple[str, ...],
     out: str | None,
     force: bool,
+    calibration: bool,
     mend_inertia: bool,
 ) -> None:
     """Write a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
@@ -48,7 +54,7 @@ def command(
     """
     from precision_pin.robot import examples, urdf
     from precision_pin.robot.chain import Chain, chain_findings
-    from precision_pin.writers.scaffold import scaffold
+    from precision_pin.writers.scaffold import kinematic_sheet, scaffold
 
     robot = _expanded(robot, arguments, package_dirs, force=force)
     if mend_inertia:
@@ -62,14 +68,15 @@ def command(
         if target.exists() and not force:
             raise OutputError(f"{target} exists; --force overwrites it, --out names another file")
     with noted_inputs() as inputs:
-        text, what = _shipped(robot, tip, base)
+        text, what = (None, ", everything free") if calibration else _shipped(robot, tip, base)
         if text is None:
             read = urdf.read(path, package_dirs=package_dirs)
             if tip is None and len(read.leaves) > 1:
                 raise InputError(f"{urdf.ask_for_tip(read)}: {urdf.draft_command(robot, urdf.likeliest_tip(read))}")
             chain = Chain.from_robot(read, tip, base)
             is_named = robot.startswith(examples.ELSEWHERE)
-            text = scaffold(chain, robot if is_named else os.path.relpath(path, Path() if to_stdout else target.parent))
+            robot_text = robot if is_named else os.path.relpath(path, Path() if to_stdout else target.parent)
+            text = (kinematic_sheet if calibration else scaffold)(chain, robot_text)
             echo_warnings(chain_findings(chain))
             grip = urdf.gripper_joint(chain.robot, chain.tip) if tip is None and base is None else None
             if grip is not None:
@@ -80,7 +87,12 @@ def command(
                 echo_warnings([Finding("warning", "W_GRIPPER", message, str(path), grip.line)])
             name = chain.robot.name
             alike = f"{examples.PREFIX}{name}"
-            if examples.shipped_sheet(alike) is not None and robot != alike and name in examples.example_urdfs():
+            if (
+                not calibration
+                and examples.shipped_sheet(alike) is not None
+                and robot != alike
+                and name in examples.example_urdfs()
+            ):
                 what += f" (with sources: precision-pin init {alike}, if this is such an arm)"
     if not to_stdout:
         outputs.refuse_inputs(inputs)
@@ -88,7 +100,8 @@ def command(
         echo_data(text.removesuffix("\n"))
         return
     write_text(target, text)
-    echo_note(f"wrote {target}{what}; now: precision-pin analyze {shlex.quote(str(target))}")
+    following = f"{'calibrate' if calibration else 'analyze'} {shlex.quote(str(target))}{' DATA.csv' * calibration}"
+    echo_note(f"wrote {target}{what}; now: precision-pin {following}")
 
 
 def _expanded(robot: str, arguments: tuple[str, ...], package_dirs: tuple[str, ...], *, force: bool) -> str:

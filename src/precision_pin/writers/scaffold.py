@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from precision_pin.base.arguments import check_path
+from precision_pin.base.arguments import check_flag, check_path
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.laws import laws_of_sheets
@@ -41,6 +41,18 @@ GIVE: Final = 2e-5
 
 LEAST_SHARE: Final = 0.1
 """Minimum design load, as a fraction of the largest of its kind: wrists carry payloads too."""
+
+FREE_SHIFT: Final = 3e-3
+"""Standard deviation of a free displacement, as a fraction of the arm's length: castings and assembly stay below 0.1 %."""
+
+FREE_TURN: Final = 10.0
+"""Standard deviation of a free rotation or zero, mrad: factory calibrations of UR arms are within 0.1 to 5 mrad."""
+
+FREE_WIND_UP: Final = 2e-3
+"""Rotation under the design load by the mean of a free compliance, rad: ten times ``WIND_UP``."""
+
+FREE_GIVE: Final = 2e-4
+"""Displacement of a prismatic joint, m: the effect of ``FREE_WIND_UP`` at a radius of 100 mm."""
 
 SHORTEST: Final = 0.5e-3
 """Shortest length with a general tolerance in ISO 2768-1, m."""
@@ -206,13 +218,39 @@ def scaffold(chain: Chain, robot_text: str, *, pose: Sequence[float] | None = No
     return "\n\n".join("\n".join(section) for section in sections) + "\n"
 
 
-def init(robot: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> str:
+def kinematic_sheet(chain: Chain, robot_text: str) -> str:
+    """Return the text of a commented sheet for a complete calibration of a chain; it loads and runs unedited.
+
+    Each joint after the first has six free displacements, of which that along or about a coordinate axis that the joint moves
+    by is written as its zero, and each joint that a weight can move a free compliance. The first joint's seat and the tip are
+    free by the measurement block: base and target are estimated. Tolerances are broad and marked as assumptions: they keep
+    combinations that no reading sees from running away, and hardly pull the others.
+    """
+    survey = Survey.of(chain)
+    sections = (
+        _calibration_head(chain, robot_text),
+        _chain_table(chain),
+        _locked(chain),
+        _poses(chain, survey, None),
+        _measurement(chain),
+        ["sources:", *_payload(chain)],
+        _free_frames(chain),
+        _free_compliances(chain, survey),
+    )
+    return "\n\n".join("\n".join(section) for section in sections) + "\n"
+
+
+def init(
+    robot: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None, calibration: bool = False
+) -> str:
     """Return a commented sheet for a URDF: every joint and link of the chain, with starting tolerances to replace.
 
     Args:
         robot: The URDF, or ``example:NAME``, for which the sheet that comes with this package is returned if there is
             one.
         tip, base: Ends of the chain; by default the only leaf, and the root.
+        calibration: Instead the sheet of a complete calibration: all displacements, zeros and compliances of the joints
+            free, base and target estimated.
 
     Raises:
         InputError: A robot that cannot be read, or several leaves and no tip.
@@ -223,13 +261,14 @@ def init(robot: str | os.PathLike[str], *, tip: str | None = None, base: str | N
         # Error sheet of the robot paper_4do
     """
     name = os.fspath(check_path("the robot", robot))
-    shipped = shipped_sheet(name)
+    check_flag("calibration", calibration)
+    shipped = None if calibration else shipped_sheet(name)
     if shipped is not None and tip is None and base is None:
         return shipped.read_text(encoding="utf-8")
     read = urdf.read(resolve_robot(name))
     if tip is None and len(read.leaves) > 1:
         raise InputError(f"{urdf.ask_for_tip(read)}: tip={urdf.likeliest_tip(read)!r}")
-    return scaffold(Chain.from_robot(read, tip, base), name)
+    return (kinematic_sheet if calibration else scaffold)(Chain.from_robot(read, tip, base), name)
 
 
 def quoted(text: str) -> str:
@@ -242,8 +281,6 @@ def quoted(text: str) -> str:
 
 
 def _head(chain: Chain, robot_text: str) -> Lines:
-    others = [name for name in chain.robot.leaves if name != chain.tip]
-    leaf_names = ", ".join(_escaped(name) for name in others[:_MANY]) + (", …" if len(others) > _MANY else "")
     return [
         f"# Error sheet of the robot {_escaped(chain.robot.name)}, drafted by `precision-pin init`.",
         "# It runs unedited: precision-pin analyze THIS_FILE",
@@ -251,6 +288,25 @@ def _head(chain: Chain, robot_text: str) -> Lines:
         "# a drawing, a data sheet or a calibration, and delete 'assumed: true'; until then, verdicts note that they rest on",
         "# assumptions. A tolerance is a half-width, ± about the mean: {normal: t} is ±3σ. For a known σ write",
         "# {normal: {std: σ}}; {normal: σ} would underestimate the error by a factor of three.",
+        *_robot(chain, robot_text),
+    ]
+
+
+def _calibration_head(chain: Chain, robot_text: str) -> Lines:
+    text = (
+        f"Sheet for the calibration of the robot {_escaped(chain.robot.name)}, written by `precision-pin init --calibration`: "
+        "all geometry of its joints is free, their zeros and compliances too. Write what was measured into measurement:, then "
+        "run precision-pin calibrate THIS_FILE DATA.csv. The tolerances are broad on purpose: a forecast of what "
+        "measuring will buy (calibrate --forecast, --plan) is right, but analyze of this sheet is no forecast of an arm as "
+        "delivered; precision-pin init without --calibration drafts that."
+    )
+    return [*_comment(text), *_robot(chain, robot_text)]
+
+
+def _robot(chain: Chain, robot_text: str) -> Lines:
+    others = [name for name in chain.robot.leaves if name != chain.tip]
+    leaf_names = ", ".join(_escaped(name) for name in others[:_MANY]) + (", …" if len(others) > _MANY else "")
+    return [
         "precision-pin: 1",
         f"robot: {quoted(robot_text)}",
         *_gripper(chain),
@@ -396,6 +452,70 @@ def _payload(chain: Chain) -> Lines:
     ]
 
 
+def _measurement(chain: Chain) -> Lines:
+    names = "; ".join(f"q{k + 1}={_escaped(name)}" for k, name in enumerate(chain.joint_names))
+    return [
+        "# What is read, by what instrument.",
+        "measurement:",
+        "  kind: position         # of a reflector or marker: x, y, z; or pose, distance, plane, socket",
+        "  std: estimate          # from the readings; or that of one coordinate, such as 20 um",
+        "  base: free             # where the base is in the instrument's axes is estimated; or known: they are the base's",
+        "  target: 0 0 0 mm       # where on the tool, in the tip's axes; a guess within centimetres will do",
+        "  target_known: false    # estimated; or true",
+        *_comment(
+            f"columns: what the columns of the data are, if their header does not say it ({names})", "  # ", "  #   "
+        ),
+        "  # load: none             # if the payloads below were not on the arm",
+    ]
+
+
+def _free_frames(chain: Chain) -> Lines:
+    """Return the displacements and the zero of every joint; those of the first and of the tip are the set-up's."""
+    shift = 1e3 * round_125(FREE_SHIFT * reach(chain))
+    length, angle = f"{{normal: {{std: {_short(shift)} mm}}}}", f"{{normal: {{std: {FREE_TURN:g} mrad}}}}"
+    displacements = {**dict.fromkeys("xyz", length), **{f"r{name}": angle for name in "xyz"}}
+    lines = _comment(
+        f"Each joint's seat is free in all six directions; the standard deviations of {_short(shift)} mm, {100 * FREE_SHIFT:g} % "
+        f"of the arm's length, and {FREE_TURN:g} mrad are several times what arms are off, so that the readings decide. Along or "
+        "about the axis that the joint moves by it is its zero.",
+        "  # ",
+    )
+    for k, joint in enumerate(chain.joints):
+        start = "  - "
+        if k == 0:
+            start = "  # - "
+            lines += _comment(
+                "The seat of the first joint is the base, which the measurement frees. With base: known free it here:",
+                "  # ",
+            )
+        slides = joint.kind == "prismatic"
+        zeros = [
+            f"{'' if slides else 'r'}{name}"
+            for name, part in zip("xyz", joint.axis, strict=True)
+            if abs(part) > 1 - 1e-9
+        ]
+        free = ", ".join(f"{name}: {law}" for name, law in displacements.items() if name not in zeros)
+        place, zero = f"joint: {quoted(joint.name)}", length if slides else angle
+        lines.append(f"{start}frame: {{{place}, {free}, {_MARK}}}")
+        lines.append(f"{start}joint_offset: {{{place}, offset: {zero}, {_MARK}}}")
+    free = ", ".join(f"{name}: {law}" for name, law in displacements.items())
+    return [
+        *lines,
+        "  # The tip is where the target is, which the measurement frees. With target_known: true free it here:",
+        f"  # - frame: {{frame: {quoted(chain.tip)}, {free}, {_MARK}}}",
+    ]
+
+
+def _free_compliances(chain: Chain, survey: Survey) -> Lines:
+    lines = _comment(
+        f"Compliances: from zero to twice a mean by which the joint deflects by {FREE_WIND_UP * 1e3:g} mrad (prismatic: "
+        f"{FREE_GIVE * 1e3:g} mm) under the largest load of the URDF's masses in {TRIALS} trial poses, at least "
+        f"{100 * LEAST_SHARE:g} % of the largest load on any joint of its kind.",
+        "  # ",
+    )
+    return lines + _compliance_lines(chain, survey, (FREE_WIND_UP, FREE_GIVE), 1.0)
+
+
 def _joint_offsets(chain: Chain) -> Lines:
     lines: Lines = []
     if not chain.prismatic.all():
@@ -432,22 +552,28 @@ def _compliances(chain: Chain, survey: Survey) -> Lines:
         "on any joint of its kind; rounded to 1, 2, 5; known to "
         f"{100 * COMPLIANCE_SPREAD:g} %. Data sheets of the gears give it."
     )
-    lines = _comment(text, "  # ")
+    return _comment(text, "  # ") + _compliance_lines(chain, survey, (WIND_UP, GIVE), COMPLIANCE_SPREAD)
+
+
+def _compliance_lines(chain: Chain, survey: Survey, deflections: tuple[float, float], spread: float) -> Lines:
+    """Return a line for each joint; ``deflections`` under the design load, rad and m, give the means."""
+    lines = []
     for joint, load, loadable in zip(chain.joints, survey.design_loads, survey.loadable, strict=True):
         slides = joint.kind == "prismatic"
         if not loadable:
             lines.append(f"  # {_escaped(joint.name)}: weight cannot move it in any pose")
         elif load == 0.0:
-            lines.append(f"  # {_compliance(joint, 1e-5)}    # no mass beyond it in the URDF")
+            lines.append(f"  # {_compliance(joint, 1e-5, spread)}    # no mass beyond it in the URDF")
         else:
-            mean = round_125((GIVE if slides else WIND_UP) / load)
-            lines.append(f"  {_compliance(joint, mean)}    # assumption; for {load:.4g} {'N' if slides else 'N*m'}")
+            mean = round_125(deflections[slides] / load)
+            unit = "N" if slides else "N*m"
+            lines.append(f"  {_compliance(joint, mean, spread)}    # assumption; for {load:.4g} {unit}")
     return lines
 
 
-def _compliance(joint: Joint, mean: float) -> str:
+def _compliance(joint: Joint, mean: float, spread: float) -> str:
     unit = "m/N" if joint.kind == "prismatic" else "rad/(N*m)"
-    law = f"{{uniform: {_short(COMPLIANCE_SPREAD * mean)} {unit}, mean: {_short(mean)} {unit}}}"
+    law = f"{{uniform: {_short(spread * mean)} {unit}, mean: {_short(mean)} {unit}}}"
     return f"- joint_compliance: {{joint: {quoted(joint.name)}, compliance: {law}, {_MARK}}}"
 
 
