@@ -1,0 +1,61 @@
+"""``python -m benchmarks.measured FOLDER``: fit and judge every set of data that lies in a folder, and write one page."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.measured.judge import Outcome, judge, judge_factory, quiet
+from benchmarks.measured.page import table, write
+from benchmarks.measured.sets import SETS, MissingSet, factories
+from precision_pin.base.errors import InputError
+
+FACTORY = "ur-factory"
+
+
+def outcomes_of(folder: Path) -> tuple[list[Outcome], list[str]]:
+    """Return the rows of a folder's sets, and what was skipped and why."""
+    found: list[Outcome] = []
+    skipped = []
+    for name, read in SETS.items():
+        begin = time.process_time()
+        try:
+            outcome = judge(quiet(read, folder / name))
+        except (MissingSet, InputError) as error:
+            skipped.append(f"{name}: {error}")
+            continue
+        outcome.seconds = time.process_time() - begin
+        print(f"{name}: {outcome.seconds:.0f} s of processor time", file=sys.stderr)
+        found.append(outcome)
+    try:
+        found += [judge_factory(factory) for factory in quiet(lambda: list(factories(folder / FACTORY)))]
+    except (MissingSet, InputError) as error:
+        skipped.append(f"{FACTORY}: {error}")
+    return found, skipped
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the bench; 2 if there is nothing to judge."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.measured", description=__doc__)
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help=f"folder with {', '.join([*SETS, FACTORY])}")
+    parser.add_argument("--out", type=Path, default=Path("measured"), help="folder of the page (default: measured)")
+    options = parser.parse_args(arguments)
+    if not options.folder.is_dir():
+        print(f"{options.folder}: no such folder", file=sys.stderr)
+        return 2
+    found, skipped = outcomes_of(options.folder)
+    for text in skipped:
+        print(f"skipped {text}", file=sys.stderr)
+    if not found:
+        print(f"{options.folder}: no set of data to judge", file=sys.stderr)
+        return 2
+    write(found, skipped, options.out)
+    print(table(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,167 @@
+"""The page, the table as CSV, and the two pictures."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from benchmarks.measured.judge import Outcome
+from benchmarks.plots import DOTS, NUMPY, OTHERS, OURS, STYLE
+
+__all__ = ["csv_text", "draw_forecast", "draw_unseen", "table", "write"]
+
+HEADS: Final = (
+    *(
+        "robot",
+        "instrument",
+        "readings",
+        "judged at",
+        "forecast by",
+        "forecast low",
+        "forecast median",
+        "forecast high",
+    ),
+    *("before", "as measured", "geometry", "compliance and gears", "published", "within 95 %", "verdict"),
+)
+"""Columns of the CSV; lengths in mm."""
+
+
+def millimetres(length: float | None) -> str:
+    """Return a length to three digits, mm."""
+    if length is None:
+        return ""
+    value = 1e3 * length
+    return f"{value:.{max(0, 2 - int(np.floor(np.log10(value))))}f}" if value > 0 else "0"
+
+
+def cells(outcome: Outcome) -> list[str]:
+    """Return a row of the CSV."""
+    lengths = (
+        *outcome.forecast,
+        outcome.before,
+        outcome.as_measured,
+        outcome.geometry,
+        outcome.complete,
+        outcome.published,
+    )
+    return [
+        *(outcome.robot, outcome.instrument, str(outcome.readings), outcome.judged, outcome.forecast_by),
+        *map(millimetres, lengths),
+        *("" if outcome.within is None else f"{100 * outcome.within:.1f}", outcome.verdict),
+    ]
+
+
+def csv_text(outcomes: Sequence[Outcome]) -> str:
+    """Return the CSV."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(HEADS)
+    writer.writerows(map(cells, outcomes))
+    return file.getvalue()
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """Return two tables in Markdown: robots that were calibrated, and robots by their factory's files."""
+    calibrated = [
+        "| robot, instrument | readings, judged at | forecast, 95 % band | before | geometry | + compliance, gears | published "
+        "| within 95 % | verdict |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    factory = ["| robot | forecast, 95 % band | measured | verdict |", "| --- | --- | --- | --- |"]
+    for outcome in outcomes:
+        row = dict(zip(HEADS, cells(outcome), strict=True))
+        band = f"{row['forecast median']} ({row['forecast low']} to {row['forecast high']}), {row['forecast by']}"
+        if outcome.geometry is None:
+            factory.append(f"| {row['robot']} | {band} | {row['before']} | {row['verdict']} |")
+            continue
+        calibrated.append(
+            f"| {row['robot']}, {row['instrument']} | {row['readings']}, {row['judged at']} | {band} | {row['before']} "
+            f"| {row['geometry']} | **{row['compliance and gears']}** | {row['published'] or '—'} | {row['within 95 %']} % "
+            f"| {row['verdict']} |"
+        )
+    parts = [part for part in (calibrated, factory) if len(part) > 2]
+    return "\n\n".join("\n".join(part) for part in parts)
+
+
+def draw_forecast(outcomes: Sequence[Outcome], path: Path) -> None:
+    """Draw the band of each forecast, and the robot that was measured."""
+    with mpl.rc_context(STYLE):
+        picture = Figure(figsize=(7, 1.2 + 0.24 * len(outcomes)), layout="constrained")
+        axes = picture.subplots()
+        for row, outcome in enumerate(reversed(outcomes)):
+            low, middle, high = (1e3 * value for value in outcome.forecast)
+            axes.plot([low, high], [row, row], color=OURS, linewidth=7, alpha=0.35, solid_capstyle="butt")
+            axes.plot([middle], [row], "|", color=OURS, markersize=9, markeredgewidth=2)
+            axes.plot([1e3 * outcome.before], [row], "o", color=NUMPY)
+        axes.set_yticks(range(len(outcomes)), [f"{outcome.robot}" for outcome in reversed(outcomes)])
+        axes.tick_params(axis="y", length=0)
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.set_xlabel("mean position error, not calibrated (mm)")
+        band = Line2D([], [], color=OURS, linewidth=7, alpha=0.35)
+        middle_mark = Line2D([], [], color=OURS, marker="|", linestyle="", markersize=9, markeredgewidth=2)
+        measured = Line2D([], [], color=NUMPY, marker="o", linestyle="")
+        names = ["forecast: 95 % of robots", "median", "measured robot"]
+        picture.legend([band, middle_mark, measured], names, frameon=False, loc="outside upper center", ncols=3)
+        picture.savefig(path, dpi=DOTS)
+
+
+def draw_unseen(outcomes: Sequence[Outcome], path: Path) -> None:
+    """Draw the distances at unseen poses in order, before and after, for each robot that was calibrated."""
+    shown = [outcome for outcome in outcomes if outcome.geometry is not None]
+    labels: tuple[tuple[str, str, Any], ...] = (
+        ("before", "base and target alone", OTHERS),
+        ("geometry", "geometry", NUMPY),
+        ("complete", "with compliance and gears", OURS),
+    )
+    with mpl.rc_context(STYLE):
+        rows = -(-len(shown) // 2)
+        picture = Figure(figsize=(7, 0.5 + 2.3 * rows), layout="constrained")
+        lines: list[Any] = []
+        for axes, outcome in zip(picture.subplots(rows, 2, squeeze=False).flat, [*shown, None], strict=False):
+            if outcome is None:
+                axes.axis("off")
+                continue
+            lines = []
+            for name, label, colour in labels:
+                values = np.sort(1e3 * outcome.distances[name])
+                share = (np.arange(values.size) + 0.5) / values.size
+                lines += axes.plot(100 * share, values, ".-", color=colour, markersize=4, label=label)
+            if outcome.published is not None:
+                published = 1e3 * outcome.published
+                lines.append(
+                    axes.axhline(published, color="black", linewidth=0.8, linestyle=":", label="published mean")
+                )
+            axes.set(title=outcome.robot, yscale="log", xlabel="poses (%)", ylabel="error at unseen poses (mm)")
+            axes.yaxis.set_major_formatter("{x:g}")
+        legend = {line.get_label(): line for axes in picture.axes for line in axes.lines}
+        picture.legend(legend.values(), legend.keys(), frameon=False, loc="outside upper center", ncols=4)
+        picture.savefig(path, dpi=DOTS)
+
+
+def write(outcomes: Sequence[Outcome], skipped: Sequence[str], out: Path) -> None:
+    """Write ``measured.md``, ``measured.csv`` and the pictures into a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "measured.csv").write_text(csv_text(outcomes), encoding="utf-8")
+    draw_forecast(outcomes, out / "measured-forecast.png")
+    pictures = ["![Forecast and measured robots](measured-forecast.png)"]
+    if any(outcome.geometry is not None for outcome in outcomes):
+        draw_unseen(outcomes, out / "measured-unseen.png")
+        pictures.append("![Error at unseen poses](measured-unseen.png)")
+    notes = [f"- {outcome.robot}: {note}" for outcome in outcomes for note in outcome.notes]
+    times = [
+        f"- {outcome.robot}: {outcome.seconds:.0f} s of processor time" for outcome in outcomes if outcome.seconds > 180
+    ]
+    parts = (
+        *("# Measured robots", "Mean distances in mm.", table(outcomes), *pictures),
+        "\n".join([*notes, *times, *(f"- skipped: {text}" for text in skipped)]),
+    )
+    (out / "measured.md").write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
