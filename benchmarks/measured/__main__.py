@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.measured.judge import Outcome, judge, judge_factory, quiet
-from benchmarks.measured.page import table, write
+from benchmarks.measured.page import tables, write, write_docs
 from benchmarks.measured.sets import SETS, MissingSet, factories
 from precision_pin.base.errors import InputError
 
@@ -42,6 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.measured", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help=f"folder with {', '.join([*SETS, FACTORY])}")
     parser.add_argument("--out", type=Path, default=Path("measured"), help="folder of the page (default: measured)")
+    parser.add_argument(
+        "--docs", type=Path, help="renew the page real-robots.md, its pictures and CSV in this folder too"
+    )
     options = parser.parse_args(arguments)
     if not options.folder.is_dir():
         print(f"{options.folder}: no such folder", file=sys.stderr)
@@ -53,7 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{options.folder}: no set of data to judge", file=sys.stderr)
         return 2
     write(found, skipped, options.out)
-    print(table(found))
+    if options.docs is not None:
+        write_docs(found, skipped, options.docs)
+    print("\n\n".join(tables(found).values()))
     return 0
 
 

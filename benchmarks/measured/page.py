@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +17,10 @@ from matplotlib.lines import Line2D
 from benchmarks.measured.judge import Outcome
 from benchmarks.plots import DOTS, NUMPY, OTHERS, OURS, STYLE
 
-__all__ = ["csv_text", "draw_forecast", "draw_unseen", "table", "write"]
+__all__ = ["csv_text", "tables", "write", "write_docs"]
+
+MINUTES: Final = 3
+"""Processor time of a set beyond which the page says so."""
 
 HEADS: Final = (
     *(
@@ -68,8 +72,8 @@ def csv_text(outcomes: Sequence[Outcome]) -> str:
     return file.getvalue()
 
 
-def table(outcomes: Sequence[Outcome]) -> str:
-    """Return two tables in Markdown: robots that were calibrated, and robots by their factory's files."""
+def tables(outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Return tables in Markdown by name: robots that were calibrated, and robots by their factory's files."""
     calibrated = [
         "| robot, instrument | readings, judged at | forecast, 95 % band | before | geometry | + compliance, gears | published "
         "| within 95 % | verdict |",
@@ -87,8 +91,8 @@ def table(outcomes: Sequence[Outcome]) -> str:
             f"| {row['geometry']} | **{row['compliance and gears']}** | {row['published'] or '—'} | {row['within 95 %']} % "
             f"| {row['verdict']} |"
         )
-    parts = [part for part in (calibrated, factory) if len(part) > 2]
-    return "\n\n".join("\n".join(part) for part in parts)
+    named = {"calibrated": calibrated, "factory": factory}
+    return {name: "\n".join(lines) for name, lines in named.items() if len(lines) > 2}
 
 
 def draw_forecast(outcomes: Sequence[Outcome], path: Path) -> None:
@@ -151,17 +155,50 @@ def write(outcomes: Sequence[Outcome], skipped: Sequence[str], out: Path) -> Non
     """Write ``measured.md``, ``measured.csv`` and the pictures into a folder."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "measured.csv").write_text(csv_text(outcomes), encoding="utf-8")
-    draw_forecast(outcomes, out / "measured-forecast.png")
-    pictures = ["![Forecast and measured robots](measured-forecast.png)"]
-    if any(outcome.geometry is not None for outcome in outcomes):
-        draw_unseen(outcomes, out / "measured-unseen.png")
-        pictures.append("![Error at unseen poses](measured-unseen.png)")
-    notes = [f"- {outcome.robot}: {note}" for outcome in outcomes for note in outcome.notes]
-    times = [
-        f"- {outcome.robot}: {outcome.seconds:.0f} s of processor time" for outcome in outcomes if outcome.seconds > 180
-    ]
+    pictures = [f"![{text}]({name})" for name, text in draw(outcomes, out).items()]
     parts = (
-        *("# Measured robots", "Mean distances in mm.", table(outcomes), *pictures),
-        "\n".join([*notes, *times, *(f"- skipped: {text}" for text in skipped)]),
+        "# Measured robots",
+        "Mean distances in mm.",
+        *tables(outcomes).values(),
+        *pictures,
+        notes(outcomes, skipped),
     )
     (out / "measured.md").write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
+
+
+def draw(outcomes: Sequence[Outcome], folder: Path) -> dict[str, str]:
+    """Draw the pictures that there are data for; return their names and what they show."""
+    pictures = {"measured-forecast.png": "Band of the forecast and measured error of each robot"}
+    draw_forecast(outcomes, folder / "measured-forecast.png")
+    if any(outcome.geometry is not None for outcome in outcomes):
+        draw_unseen(outcomes, folder / "measured-unseen.png")
+        pictures["measured-unseen.png"] = "Error at unseen poses, in order"
+    return pictures
+
+
+def notes(outcomes: Sequence[Outcome], skipped: Sequence[str]) -> str:
+    """Return a list of what was remarkable, took long or was skipped."""
+    lines = [f"- {outcome.robot}: {note}" for outcome in outcomes for note in outcome.notes]
+    lines += [
+        f"- {outcome.robot}: the fits take more than {MINUTES} minutes"
+        for outcome in outcomes
+        if outcome.seconds > 60 * MINUTES
+    ]
+    return "\n".join([*lines, *(f"- skipped: {text}" for text in skipped)])
+
+
+def write_docs(outcomes: Sequence[Outcome], skipped: Sequence[str], docs: Path) -> None:
+    """Put tables, notes, CSV and pictures into the page ``real-robots.md`` of a folder of documentation."""
+    page = docs / "real-robots.md"
+    text = page.read_text(encoding="utf-8")
+    for name, part in {**tables(outcomes), "notes": notes(outcomes, skipped)}.items():
+        mark = re.escape(f"<!-- bench: {name} -->")
+        text = re.sub(
+            f"({mark}\n).*?(<!-- bench end -->)",
+            lambda found, part=part: f"{found[1]}\n{part}\n\n{found[2]}",
+            text,
+            flags=re.DOTALL,
+        )
+    page.write_text(text, encoding="utf-8")
+    (docs / "real-robots.csv").write_text(csv_text(outcomes), encoding="utf-8")
+    draw(outcomes, docs / "images")

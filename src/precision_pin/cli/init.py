@@ -100,7 +100,8 @@ def command(
         echo_data(text.removesuffix("\n"))
         return
     write_text(target, text)
-    following = f"{'calibrate' if calibration else 'analyze'} {shlex.quote(str(target))}{' DATA.csv' * calibration}"
+    sheet = shlex.quote(str(target))
+    following = f"calibrate {sheet} DATA.csv" if calibration else f"analyze {sheet}"
     echo_note(f"wrote {target}{what}; now: precision-pin {following}")
 
 
