@@ -128,7 +128,7 @@ def draw_unseen(outcomes: Sequence[Outcome], path: Path) -> None:
     )
     with mpl.rc_context(STYLE):
         rows = -(-len(shown) // 2)
-        picture = Figure(figsize=(7, 0.5 + 2.3 * rows), layout="constrained")
+        picture = Figure(figsize=(7, 0.8 + 2.3 * rows), layout="constrained")
         lines: list[Any] = []
         for axes, outcome in zip(picture.subplots(rows, 2, squeeze=False).flat, [*shown, None], strict=False):
             if outcome is None:
@@ -147,7 +147,7 @@ def draw_unseen(outcomes: Sequence[Outcome], path: Path) -> None:
             axes.set(title=outcome.robot, yscale="log", xlabel="poses (%)", ylabel="error at unseen poses (mm)")
             axes.yaxis.set_major_formatter("{x:g}")
         legend = {line.get_label(): line for axes in picture.axes for line in axes.lines}
-        picture.legend(legend.values(), legend.keys(), frameon=False, loc="outside upper center", ncols=4)
+        picture.legend(legend.values(), legend.keys(), frameon=False, loc="outside upper center", ncols=2)
         picture.savefig(path, dpi=DOTS)
 
 
