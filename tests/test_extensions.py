@@ -11,13 +11,28 @@ import pytest
 
 from analyses.test_registry import FOLDER
 from draws.test_law_files import TRAPEZOID
+from precision_pin.analyses.declaration import SHARED_OPTIONS
+from precision_pin.cli.analyses import _SHARED
 from precision_pin.robot.examples import PAPER_SHEET
 from sources.test_new_source import CODE
+from support.package_code import PACKAGE
 
-POINTS = """
+BROKEN = {
+    "misspelt": ("offset:offset", "offset:ofset", "the module 'extra_errors.misspelt.offset' has no 'ofset'"),
+    "unread": ("*AT_POSES", '*AT_POSES, "postures"', "no shared options are named 'postures'; those are poses, target, "),
+    "unwritten": ("*AT_POSES", '"poses", "chain"', "its options lack 'json', or one of 'out' and 'plot'"),
+}
+"""Name of an analysis → a mistake in its declaration, and the reason why it is left out."""
+LACKING = {
+    "untabled": ("table.py", "there is no module 'extra_errors.untabled.table'"),
+    "undrawn": ("figure.py", "there is no module 'extra_errors.undrawn.figure'"),
+}
+"""Name of an analysis → a file that its folder lacks, and the reason why it is left out."""
+POINTS = f"""
 [precision_pin.analyses]
 offset = extra_errors.offset:DECLARATION
 missing = extra_errors.missing:DECLARATION
+{"".join(f"{name} = extra_errors.{name}:DECLARATION" + chr(10) for name in (*BROKEN, *LACKING))}
 [precision_pin.sources]
 sagging = extra_errors.sagging:Sagging
 frame = precision_pin.sources.frame:Frame
@@ -54,6 +69,12 @@ def install(folder):
     """Install a wheel with the three into a folder, without its dependencies."""
     about = "extra_errors-1.2.dist-info"
     files = {f"extra_errors/offset/{name}": text for name, text in FOLDER.items()}
+    for name in (*BROKEN, *LACKING):
+        right, wrong, _ = BROKEN.get(name, ("", "", ""))
+        declaration = FOLDER["__init__.py"].replace('name="offset"', f'name="{name}"').replace(right, wrong, 1)
+        texts = {**FOLDER, "__init__.py": declaration}
+        texts.pop(LACKING.get(name, ("",))[0], None)
+        files |= {f"extra_errors/{name}/{file}": text for file, text in texts.items()}
     files |= {"extra_errors/__init__.py": "", "extra_errors/sagging.py": CODE, "extra_errors/trapezoid.py": TRAPEZOID}
     files |= {
         f"{about}/METADATA": "Metadata-Version: 2.1\nName: extra-errors\nVersion: 1.2\n",
@@ -73,7 +94,7 @@ def test_what_others_install_stands_where_ours_does_and_what_is_broken_is_named(
     install(tmp_path)
     (tmp_path / "arm.yaml").write_text(SHEET)
     generate = Path(__file__).parents[1] / "docs" / "generate.py"
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}"}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path / "site", PACKAGE.parent)))}
     ended = subprocess.run(
         [sys.executable, "-c", USED, str(generate)], cwd=tmp_path, env=environment, capture_output=True, text=True
     )
@@ -99,5 +120,11 @@ def test_what_others_install_stands_where_ours_does_and_what_is_broken_is_named(
         "law number LEFT OUT: not a subclass of precision_pin.draws.laws.Law",
     ):
         assert line in lines
+    for name, (*_, reason) in (BROKEN | LACKING).items():
+        assert any(line.startswith(f"analysis {name} LEFT OUT: {reason}") for line in lines), name
     left_out = "missing of extra-errors 1.2 (extra_errors.missing:DECLARATION) is left out"
     assert f"warning W_EXTENSION: {left_out}" in told["offset"][2]
+
+
+def test_the_words_for_shared_options_are_those_of_the_commands():
+    assert set(SHARED_OPTIONS) == set(_SHARED)

@@ -25,6 +25,11 @@ INPUTS = "Without arguments: the paper's arm and sheet, from inside the package.
 """Last paragraph of a description."""
 AT_POSES = ("poses", "chain", "target", "seed", "json", "out", "messages")
 """Shared options of an analysis at one or several poses."""
+SHARED_OPTIONS = (
+    *("poses", "target", "datum", "chain", "seed", "model", "spec", "beyond", "workers", "measurement", "json", "out"),
+    *("plot", "messages"),
+)
+"""All words for shared options."""
 
 
 class WrongUsageError(ValueError):

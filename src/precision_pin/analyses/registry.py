@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
+from importlib.abc import InspectLoader
+from importlib.util import find_spec
 from typing import Any, Final
 
-from precision_pin.analyses.declaration import Declaration, load
+from precision_pin.analyses.declaration import SHARED_OPTIONS, Declaration, load
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.extensions import Extension, find_extensions
 
@@ -43,7 +45,31 @@ def _check(declaration: Any) -> str:
     if not isinstance(declaration, Declaration):
         return "it is no precision_pin.analyses.declaration.Declaration"
     is_taken = declaration.name in (import_module(folder).DECLARATION.name for folder in FOLDERS)
-    return f"the name {declaration.name!r} is taken" if is_taken else ""
+    return f"the name {declaration.name!r} is taken" if is_taken else _absent(declaration)
+
+
+def _absent(declaration: Declaration) -> str:
+    """Return which part of a declaration does not exist; nothing is imported, because ``--help`` lists the analyses."""
+    unknown = [word for word in declaration.options if isinstance(word, str) and word not in SHARED_OPTIONS]
+    if unknown:
+        return f"no shared options are named {unknown[0]!r}; those are {', '.join(SHARED_OPTIONS)}"
+    named = {option if isinstance(option, str) else option.argument for option in declaration.options}
+    if not (named & {"json", "json_path"} and named & {"out", "plot"}):
+        return "its options lack 'json', or one of 'out' and 'plot'"
+    table_module, _, table = declaration.table_name.rpartition(":")
+    outputs = [f"{table_module or 'table'}:{table}", "figure:figure"] if declaration.prepare is None else []
+    outputs += ["figure:content"] if declaration.heading else []
+    places = (f"{declaration.outputs}.{output}" for output in outputs)
+    for place in (declaration.function, declaration.result, *places):
+        module, _, name = place.partition(":")
+        spec = find_spec(module)
+        if spec is None:
+            return f"there is no module {module!r}"
+        # the names of its code are read without running it
+        code = spec.loader.get_code(module) if isinstance(spec.loader, InspectLoader) else None
+        if code is not None and name not in code.co_names:
+            return f"the module {module!r} has no {name!r}"
+    return ""
 
 
 def sheet_keys() -> dict[str, str]:
