@@ -19,7 +19,11 @@ from support.package_code import PACKAGE
 
 BROKEN = {
     "misspelt": ("offset:offset", "offset:ofset", "the module 'extra_errors.misspelt.offset' has no 'ofset'"),
-    "unread": ("*AT_POSES", '*AT_POSES, "postures"', "no shared options are named 'postures'; those are poses, target, "),
+    "unread": (
+        "*AT_POSES",
+        '*AT_POSES, "postures"',
+        "no shared options are named 'postures'; those are poses, target, ",
+    ),
     "unwritten": ("*AT_POSES", '"poses", "chain"', "its options lack 'json', or one of 'out' and 'plot'"),
 }
 """Name of an analysis → a mistake in its declaration, and the reason why it is left out."""
