@@ -251,6 +251,19 @@ def test_the_std_is_that_of_a_dense_likelihood():
     assert found.measurement.std == found.noise["std"].std
 
 
+def test_a_number_at_its_bound_does_not_lower_the_std():
+    # an offset of three half-widths: the std is that of a sheet which has the bound as a constant
+    given, q = {"target": OFF_AXIS, "base": "free"}, random_poses(4, 10)
+    other = [pp.sources.JointOffset(joint=name, offset=pp.Normal(1e-3)) for name in ("joint1", "joint3")]
+    real, bounded, fixed = (
+        offsets(law, *other, joints=["joint2"])
+        for law in (pp.Uniform(1e-9, mean=3e-3), pp.Uniform(1e-3), pp.Uniform(1e-12, mean=1e-3))
+    )
+    readings = readings_of(real, q, pp.Measurement(std=0.1e-3, **given), seed=2)
+    stds = [pp.calibrate(one, (q, readings), UNKNOWN).noise["std"].std for one in (bounded, fixed)]
+    np.testing.assert_allclose(*stds, rtol=1e-5)
+
+
 @pytest.mark.slow
 def test_a_std_that_was_tuned_is_no_agreement():
     model, q = plain_model(), random_poses(4, 15)

@@ -740,7 +740,10 @@ def _blocks(
     by_z, fixed_columns = problem.slopes(z, nuisances)
     if not has_prior:
         fixed_columns = np.hstack([fixed_columns, by_z @ Estimator.of(by_z, fixed_columns, has_prior=False).basis])
-    readings = problem.whiten(problem.residuals(z, nuisances)) + by_z @ z
+    low, high = problem.bounds
+    is_free = (low < z) & (z < high)  # a number at the bound of its law does not follow the readings
+    by_z = by_z[:, is_free]
+    readings = problem.whiten(problem.residuals(z, nuisances)) + by_z @ z[is_free]
     lengths = np.linalg.norm(fixed_columns, axis=0)
     basis, values, _ = np.linalg.svd(fixed_columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
     basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
