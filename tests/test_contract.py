@@ -173,7 +173,9 @@ def test_a_finding_prints_as_the_contract_says_and_is_placed_only_where_it_has_n
         assert str(finding) == text
     assert Finding("error", "E", "m").at("f", 2) == Finding("error", "E", "m", "f", 2)
     assert Finding("error", "E", "m", "own", 9).at("f", 2) == Finding("error", "E", "m", "own", 9)
-    assert Finding("error", "E", "m", "own").at("f", 2) == Finding("error", "E", "m", "own", 2)
+    # the line is one of the file f
+    assert Finding("error", "E", "m", "own").at("f", 2) == Finding("error", "E", "m", "own")
+    assert Finding("error", "E", "m", "f").at("f", 2) == Finding("error", "E", "m", "f", 2)
 
 
 def test_every_input_error_is_one_of_ours_and_internal_errors_are_not_input_errors():

@@ -192,7 +192,7 @@ def _calibration_calls():
     yield call(pp.ur_calibration, words, file=UR_FILE, robot=Chain.from_urdf(UR_ARM))
     yield call(pp.every_frame, chain=arm.chain)
     yield call(
-        pp.Measurement, {"base": "base"},
+        pp.Measurement, {"base": "base", "std": "std|standard deviation"},
         kind="pose", std=1e-5, target=(0.1, 0.0, 0.0), base="free", attitude_std=1e-4, anchor=(0.0, 0.0, 0.0),
         visible_from=(1.0, 0.0, 0.0), facing=(0.0, 0.0, 1.0), cone=1.0,
         fine={
@@ -293,7 +293,7 @@ def _page_calls():
                model=read_model, pose=POSE, units=1, first=0, seed=0,
                fine={"pose": OPTIONAL, "first": "zero", "seed": "zero"})  # fmt: skip
     yield call(pp.init, {"robot": "robot|file"}, robot=read_model.chain.robot.file, tip="tool", base=None, calibration=False,
-               fine={"tip": OPTIONAL, "base": OPTIONAL})  # fmt: skip
+               fine={"tip": OPTIONAL, "base": OPTIONAL, "calibration": "true"})  # fmt: skip
 
 
 def _pose_calls():

@@ -274,7 +274,17 @@ NAMED = {
     # the physics of a source says what its own draws follow
     *(
         f"sources/{name}.py"
-        for name in ["axis_install", "backlash", "clearance", "covariance", "encoder", "periodic", "table"]
+        for name in [
+            "axis_install",
+            "backlash",
+            "clearance",
+            "covariance",
+            "encoder",
+            "force",
+            "periodic",
+            "places",
+            "table",
+        ]
     ),
 }
 """Files outside draws/laws that name a law, to draw from it."""

@@ -49,7 +49,7 @@ class Sight:
         if set(value) != set(DIRECTIONS):
             raise InputError(
                 f"std of a measurement needs along and across, such as {{along: {_DEFAULT}, across: {_DEFAULT}}}, got "
-                f"{shown(', '.join(map(str, value)))}"
+                f"{shown(dict(value))}"
             )
         return cls(*(_terms(name, value[name]) for name in DIRECTIONS))
 

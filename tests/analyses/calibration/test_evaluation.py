@@ -81,7 +81,7 @@ def test_noise_at_stations_of_different_sizes_is_that_of_each():
             error = station.at.error_at_means
             by_error = FREE.slopes(station.at.posture.pose, error, part.start).error
             stacked = np.tile(by_error, (len(station.rows), 1))
-            check_close(noise, station.noise(stacked, part.deviations[places] ** 2, part.visit[places[0]]))
+            check_close(noise, station.noise(stacked, np.diag(part.deviations[places] ** 2), part.visit[places[0]]))
             check_close(root @ root.T, noise)
         root = scipy.linalg.block_diag(*part.roots)
         values = np.random.default_rng(5).normal(size=(*part.readings.shape, 2))
