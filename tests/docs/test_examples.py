@@ -205,6 +205,23 @@ def how_exact_is_a_pick_by_camera(base, camera, independent):
 
 
 @answers(
+    *[r".+: arrives ([-+\d.]+) mm or ([-+\d.]+) mm from its height, by the direction of its joints"] * 2,
+)
+def how_far_does_a_cheap_arm_droop(*heights):
+    # the balance of servo, friction and weight, iterated with Pinocchio's torques at the joint values where the arm rests
+    stiffness, friction = np.array([48.94, 51.34, 18.57, 43.03, 47.14]), np.array([0.215, 0.318, 0.402, 0.296, 0.283])
+    arm = pp.Chain.from_urdf("example:so101", tip="gripper_frame_link").with_payload(0.3)
+    q, expected = np.radians([0.0, 76.0, -73.8, -5.0, 0.0]), []
+    for share, side in ((0.0, 1), (0.0, -1), (0.8, 1), (0.8, -1)):
+        turned = np.zeros(5)
+        for _ in range(200):
+            load = arm.at(q + turned).load_torque - share * arm.at(q).load_torque
+            turned = (load - side * friction) / stiffness
+        expected.append(1e3 * (arm.at(q + turned).pose[2, 3] - arm.at(q).pose[2, 3]))
+    assert heights == pytest.approx(expected, abs=0.06)
+
+
+@answers(
     *[
         r".+ \(σ [\d.]+ mm?r?a?d?\): (\d+)% of the variance\n"
         r"  halved, the 95 % quantile changes by ([-+][\d.]+) ± ([\d.]+) mm"

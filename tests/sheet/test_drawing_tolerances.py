@@ -260,6 +260,12 @@ def test_what_is_not_read_is_named(draw):
     check_refused(*((re.escape(message), *given) for message, *given in rows))
 
 
+def test_a_direction_that_does_not_exist_is_named_and_no_missing_size(load):
+    text = "precision-pin: 1\nrobot: 4dof.urdf\nposes: {p: 0 0 0 0 deg}\nsources:\n"
+    with pytest.raises(pp.InputError, match="no joint on the chain named 'joint9'"):
+        load(text + "  - length: {joint: joint2, along: z of joint9, parameters: [{uniform: ISO 2768-f}]}")
+
+
 def test_a_parameter_of_the_name_of_a_class_stays_a_parameter(load):
     text = "precision-pin: 1\nrobot: 4dof.urdf\nposes: {p: 0 0 0 0 deg}\nparameters: {H7: ±0.1 mm, IT7: +2/0 um}\n"
     sheet = load(text + "sources:\n  - length: {joint: joint2, parameters: [H7, IT7]}\n")

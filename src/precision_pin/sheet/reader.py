@@ -6,6 +6,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path as FilePath
@@ -402,9 +403,11 @@ def _sources(
             origins[k] = setting_origins
         meta_keys = {ASSUMED, PROVENANCE} - set(model.model_fields)
         settings = {key: value for key, value in settings.items() if key not in meta_keys}
+        size: float | None = 0.1  # where the robot or the source is refused, no size is missing
+        if chain is not None:
+            with suppress(InputError):
+                size = kinds[name].nominal_size(settings, chain)
         try:
-            # without the robot the sheet is refused, and no size is missing
-            size = 0.1 if chain is None else kinds[name].nominal_size(settings, chain)
             valid = model.model_validate(settings, context=replace(context, size=size))
         except ValidationError as error:
             findings.take_validation(error, (*path, name), model)

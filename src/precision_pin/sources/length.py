@@ -59,16 +59,13 @@ class Length(Source):
     @classmethod
     def nominal_size(cls, settings: Mapping[str, Any], chain: Chain) -> float | None:
         """Return the distance along the direction if it is the same at every pose."""
-        try:
-            place = {name: settings[name] for name in ("joint", "frame", "along") if name in settings}
-            source = cls(**place, parameters=(0.0,))
-            if not source.is_alike_everywhere(chain):
-                return None
-            posture, link = chain.at(np.zeros(len(chain.joints))), source._link(chain)
-            vector = posture.link_poses[link][:3, :3] @ chain.end(link).frame[:3, 3]
-            return abs(float(source._direction(posture) @ vector))
-        except InputError:
-            return None  # reported where the source is used
+        place = {name: settings[name] for name in ("joint", "frame", "along") if name in settings}
+        source = cls(**place, parameters=(0.0,))
+        if not source.is_alike_everywhere(chain):
+            return None
+        posture, link = chain.at(np.zeros(len(chain.joints))), source._link(chain)
+        vector = posture.link_poses[link][:3, :3] @ chain.end(link).frame[:3, 3]
+        return abs(float(source._direction(posture) @ vector))
 
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the direction is fixed in the link."""

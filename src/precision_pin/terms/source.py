@@ -255,7 +255,11 @@ class Source(ABC):
 
     @classmethod
     def nominal_size(cls, settings: Mapping[str, Any], chain: Chain) -> float | None:
-        """Return the nominal length, m, from which its `deviations` are measured, by the settings of a sheet; None if unknown."""
+        """Return the nominal length, m, from which its `deviations` are measured, by the settings of a sheet; None if unknown.
+
+        Raises:
+            InputError: The settings make no source.
+        """
         return None
 
     is_dimensional: ClassVar[bool] = False
