@@ -13,19 +13,14 @@ stiffness, friction = (48.94, 51.34, 18.57, 43.03, 47.14), (0.215, 0.318, 0.402,
 chain = pp.Chain.from_urdf("example:so101", tip="gripper_frame_link")
 reach = np.radians([0.0, 76.0, -73.8, -5.0, 0.0])
 
-
-def model(share):
+figure, axes = plt.subplots()
+for share, label in ((0.0, "no compensation"), (0.8, "80 % of the weight compensated")):
     servos = [
         pp.sources.Servo(joint=joint, stiffness=k, friction=f, gravity_compensation=share)
         for joint, k, f in zip(chain.joint_names, stiffness, friction, strict=True)
     ]
     payload = pp.sources.Payload(at="gripper_frame_link", mass=0.3)
-    return pp.ErrorModel(chain, pp.Space(), [*servos, payload], statics="equilibrium")
-
-
-figure, axes = plt.subplots()
-for share, label in ((0.0, "no compensation"), (0.8, "80 % of the weight compensated")):
-    arm = model(share)
+    arm = pp.ErrorModel(chain, pp.Space(), [*servos, payload], statics="equilibrium")
     up, down = (
         1e3 * arm.at(reach, approach=dict.fromkeys(chain.joint_names, side)).error_at_means[:3] for side in (1, -1)
     )
