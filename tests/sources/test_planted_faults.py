@@ -37,7 +37,12 @@ SIGNS = (
     Fault("table", "every error reversed", "np.eye(6)[row]", "-np.eye(6)[row]"),
     Fault("thermal", "links shrink", "axes @ vector, np", "axes @ -vector, np"),
     Fault("thermal", "turned to the warm side", "-np.cross(vector", "np.cross(vector"),
-    Fault("transmission", "torque that holds the load", "JointValue(joint), torque,", "JointValue(joint), -torque,"),
+    Fault(
+        "transmission",
+        "torque that holds the load",
+        "torque, *factors, flexibilities",
+        "-torque, *factors, flexibilities",
+    ),
 )
 
 LAWS = (
@@ -97,7 +102,10 @@ LAWS = (
     Fault("table", "columns torn apart", "*columns, strict", "columns[0], *(c[::-1] for c in columns[1:]), strict"),
     Fault("thermal", "shift of a moment at the end", "(vector @ vector) / 2", "(vector @ vector) / 3"),
     Fault("thermal", "turned twice", "place.frame[:3, :3].T\n", "place.frame[:3, :3]\n"),
-    Fault("transmission", "stiffness for compliance", "flexibility = 1.0 / ", "flexibility = 1.0 * "),
+    Fault("transmission", "twice the compliance", "1.0 / space.positive(", "2.0 / space.positive("),
+    Fault("transmission", "full width as half", "-0.5, direction, width", "-1.0, direction, width"),
+    Fault("transmission", "limit of the signed torque", "-limit, side, beyond", "-limit, beyond"),
+    Fault("transmission", "secant for pieces", "change = after - before", "change = 0.0 * after"),
     Fault("transmission", "one turn for a period", "2 * math.pi * value / self.period if", "value if"),
 )
 

@@ -78,9 +78,10 @@ def _loaded_terms(model: ErrorModel, posture: Posture) -> dict[str, tuple[Term, 
 def _under_wrench(posture: Posture, column: int) -> Posture:
     """Return the posture under only a unit force along base axis 0 to 2, or a unit moment about axis 3 to 5.
 
-    Without an approach, since friction holds or stops a joint but does not give way.
+    Without an approach, since friction holds or stops a joint but does not give way; stiffnesses in pieces are those at the
+    loads of the posture.
     """
     link, frame = len(posture.chain.joints), posture.chain.target_placement
     entry = posture.chain.placements[-1][:3, 3]
     load = Load(link, frame, entry, along=False, moments=(), wrenches=((np.eye(6)[column], ()),))
-    return replace(posture, loads=(load,), tilts=(), deflection=None, approach=())
+    return replace(posture, loads=(load,), tilts=(), deflection=None, approach=(), deciding=posture)

@@ -5,11 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Final
 
+from precision_pin.draws.expressions import Value, sign
 from precision_pin.draws.space import LabelledSpace, entry_name
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.terms import Dependence, Draw, Finding, InputError, JointValue, Posture, Setting, Source, Term, units
+from precision_pin.sources.places import approach_draw
+from precision_pin.terms import (
+    Chain,
+    Dependence,
+    Draw,
+    Finding,
+    InputError,
+    JointValue,
+    Posture,
+    Setting,
+    Source,
+    Term,
+    units,
+)
+from precision_pin.terms.term import bounds_of, load_value, side_of
+
+_LOST: Final = 0.03
+"""Torque at which lost motion is measured, as a share of the rated torque."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +39,9 @@ class Transmission(Source):
     of a strain wave gear twice the gear ratio (Tuttle and Seering, IEEE Transactions on Robotics and Automation 12,
     1996). Each φ is random, uniform over a turn, but the same at every pose of one built robot. A fixed amplitude t
     therefore gives the standard deviation t/√2, a random one ``√(E[t²]/2)``. Wind-up: ``τ/k`` with τ the torque (or
-    force) of the load on the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k. Lead error of a screw or rack:
+    force) of the load on the joint, as eq 23 of Wei, Jia and Chen (2015) with C = 1/k; with stiffnesses K_i in pieces up to
+    the torques T_i, ``φ(τ) = sign τ Σ (clamp(|τ|, T_(i-1), T_i) - T_(i-1)) / K_i`` of every robot's own torque (manual 1018856
+    of Harmonic Drive, 2018). Hysteresis: the joint trails its motion by half the loss, ``-s h``. Lead error of a screw or rack:
     ``lead_error · d``, the deviation of the specified travel in ISO 3408-3.
 
     Attributes:
@@ -31,12 +51,18 @@ class Transmission(Source):
         order: Number of repetitions of each in ``period``.
         period: Period of order 1 (default: a revolution of the joint). A prismatic joint needs it with amplitude: the
             lead of its screw.
-        stiffness: k of the wind-up, of the whole drive train at the joint; a linear stiffness for a prismatic joint.
+        stiffness: k of the wind-up, of the whole drive train at the joint, or K_i of its pieces from zero torque on; linear
+            stiffnesses for a prismatic joint.
+        limit_torques: T_i at which the pieces end, rising; forces for a prismatic joint.
+        stiffness_factor: Relative deviation of all pieces, the same for all.
+        lost_motion, rated_torque: In place of a first piece: the width between 3 % of the rated torque either way. The
+            stiffness is that beyond.
+        hysteresis_loss: Full width 2h of the loop, as printed.
         lead_error: Lead error of a prismatic joint, relative to the travel from the joint's zero.
 
     Raises:
         InputError: No error, not one order for each amplitude, an order or period that is not positive, a stiffness
-            that may reach zero, or a setting for the other kind of joint.
+            that may reach zero, pieces without their limits, or a setting for the other kind of joint.
 
     Examples:
         >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
@@ -46,13 +72,16 @@ class Transmission(Source):
         [0.019 0.264 0.   ]
     """
 
-    takes_many: ClassVar[bool] = True
     is_in_drive: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
     words: ClassVar[Mapping[str, str]] = {
         "amplitude": "gear error of {subject}, amplitude",
         "phase": "gear error of {subject}, phase",
         "stiffness": "gear stiffness of {subject}",
+        "stiffness_factor": "gear stiffness of {subject}, deviation",
+        "lost_motion": "lost motion of {subject}",
+        "hysteresis_loss": "hysteresis loss of {subject}",
+        "approach": "direction in which {subject} arrived",
         "lead_error": "lead error of {subject}",
     }
 
@@ -60,12 +89,22 @@ class Transmission(Source):
     amplitude: Annotated[tuple[Setting, ...], units.PerJoint(units.ANGLE, units.LENGTH)] = ()
     order: Annotated[tuple[float, ...], units.RATIO] = ()
     period: Annotated[float | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
-    stiffness: Annotated[Setting | None, units.PerJoint(units.ANGULAR_STIFFNESS, units.LINEAR_STIFFNESS)] = None
+    stiffness: Annotated[
+        Setting | tuple[Setting, ...] | None, units.PerJoint(units.ANGULAR_STIFFNESS, units.LINEAR_STIFFNESS)
+    ] = None
+    limit_torques: Annotated[tuple[float, ...], units.PerJoint(units.TORQUE, units.FORCE)] = ()
+    stiffness_factor: Annotated[Setting | None, units.RATIO] = None
+    lost_motion: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
+    rated_torque: Annotated[float | None, units.PerJoint(units.TORQUE, units.FORCE)] = None
+    hysteresis_loss: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
     lead_error: Annotated[Setting | None, units.RELATIVE_LENGTH] = None
 
     def __post_init__(self) -> None:
-        if not self.amplitude and self.stiffness is None and self.lead_error is None:
-            raise InputError("transmission needs one of amplitude:, stiffness: and lead_error:")
+        if not self.amplitude and all(
+            value is None for value in (self.stiffness, self.lead_error, self.hysteresis_loss)
+        ):
+            raise InputError("transmission needs one of amplitude:, stiffness:, hysteresis_loss: and lead_error:")
+        self._check_pieces()
         if len(self.amplitude) != len(self.order):
             counts = f"{len(self.amplitude)} and {len(self.order)}"
             raise InputError(f"transmission needs one order: for each amplitude:, got {counts}")
@@ -76,14 +115,44 @@ class Transmission(Source):
         if self.period is not None and not self.amplitude:
             raise InputError("period: of transmission is used only with amplitude:")
 
+    def _check_pieces(self) -> None:
+        pieces, limits = self._pieces, self.limit_torques
+        if (self.lost_motion is None) is not (self.rated_torque is None):
+            raise InputError("transmission needs both of lost_motion: and rated_torque:")
+        if self.lost_motion is not None and (len(pieces) != 1 or limits):
+            raise InputError("lost_motion: of transmission needs one stiffness:, that beyond it, and no limit_torques:")
+        if self.rated_torque is not None and not 0 < self.rated_torque < math.inf:
+            raise InputError(
+                f"the rated_torque of transmission must be positive, got {self.setting_text('rated_torque')}"
+            )
+        if len(limits) != max(len(pieces) - 1, 0):
+            raise InputError(
+                f"transmission needs a limit torque between every two pieces of stiffness:, got {len(limits)} for {len(pieces)}"
+            )
+        if any(low >= high for low, high in zip((0.0, *limits), limits, strict=False)):
+            raise InputError("the limit_torques of transmission must be positive and rise")
+        if self.stiffness_factor is not None and not pieces:
+            raise InputError("stiffness_factor: of transmission is used only with stiffness:")
+
+    @property
+    def _pieces(self) -> tuple[Setting, ...]:
+        if self.stiffness is None:
+            return ()
+        return self.stiffness if isinstance(self.stiffness, tuple) else (self.stiffness,)
+
     @property
     def depends_on(self) -> Dependence:
         """The configuration, or the loads if there is a wind-up."""
-        return "configuration" if self.stiffness is None else "loads"
+        return "configuration" if self.stiffness is None and self.hysteresis_loss is None else "loads"
+
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return whether neither a piece nor the approach depends on the posture."""
+        return len(self._pieces) < 2 and self.lost_motion is None and self.hysteresis_loss is None
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
-        """Return a phase for each amplitude."""
-        return tuple(phase_draw(f"{label}.{entry_name('phase', k)}") for k in range(len(self.amplitude)))
+        """Return a phase for each amplitude, and how the joint arrived if that matters."""
+        phases = (phase_draw(f"{label}.{entry_name('phase', k)}") for k in range(len(self.amplitude)))
+        return (*phases, *((approach_draw(self.joint),) if self.hysteresis_loss is not None else ()))
 
     def remarks(self, space: LabelledSpace) -> Iterator[Finding]:
         """Yield a warning for each amplitude that varies about zero."""
@@ -91,7 +160,7 @@ class Transmission(Source):
             yield from amplitude_remarks(entry_name("amplitude", k), amplitude, space)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield two terms for each amplitude, one for the lead, and one for each group of loads with the same factors."""
+        """Yield two terms for each amplitude, one for the lead, and those of wind-up and hysteresis."""
         joint = posture.chain.joint_index(self.joint)
         is_prismatic = bool(posture.chain.prismatic[joint])
         if is_prismatic and self.amplitude and self.period is None:
@@ -105,6 +174,49 @@ class Transmission(Source):
         if self.lead_error is not None:
             yield Term.of(JointValue(joint), value, space.value("lead_error", self.lead_error))
         if self.stiffness is not None:
-            flexibility = 1.0 / space.positive("stiffness", self.stiffness)
-            for factors, torque in posture.torque_on(joint).items():
-                yield Term.of(JointValue(joint), torque, *factors, flexibility, loaded=True)
+            yield from self._wind_up(posture, joint, space)
+        if self.hysteresis_loss is not None:
+            direction: Value = posture.direction_of(joint) or space.space.parameter(approach_draw(self.joint).name)
+            width = space.positive("hysteresis_loss", self.hysteresis_loss, zero=True)
+            yield Term.of(JointValue(joint), -0.5, direction, width)
+
+    def _flexibilities(self, space: LabelledSpace) -> tuple[tuple[float, ...], list[Value]]:
+        """Return the torques between the pieces, and the flexibility of each."""
+        values = [1.0 / space.positive(entry_name("stiffness", k), setting) for k, setting in enumerate(self._pieces)]
+        limits = self.limit_torques
+        if self.lost_motion is not None and self.rated_torque is not None:
+            limits = (_LOST * self.rated_torque,)
+            values.insert(0, space.positive("lost_motion", self.lost_motion) * (0.5 / limits[0]))
+        if self.stiffness_factor is not None:
+            factor = 1.0 + space.value("stiffness_factor", self.stiffness_factor)
+            if space.interval(space.value("stiffness_factor", self.stiffness_factor))[0] <= -1.0:
+                raise InputError(f"stiffness_factor of {space.label} can reach -100 %, no stiffness at all")
+            values = [value / factor for value in values]
+        return limits, values
+
+    def _wind_up(self, posture: Posture, joint: int, space: LabelledSpace) -> Iterator[Term]:
+        """Yield τ times the first flexibility, and beyond each limit the change of the flexibility times what exceeds it."""
+        limits, flexibilities = self._flexibilities(space)
+        torques = posture.torque_on(joint)
+        for factors, torque in torques.items():
+            yield Term.of(JointValue(joint), torque, *factors, flexibilities[0], loaded=True)
+        if not limits:
+            return
+        # the load of each robot decides about its piece; derivatives take the piece as it is
+        deciding = (posture.deciding or posture).torque_on(joint)
+        low, high = bounds_of(deciding, space.space)
+        load, side = load_value(deciding), side_of(deciding, space.space)
+        for limit, before, after in zip(limits, flexibilities, flexibilities[1:], strict=False):
+            beyond: Value
+            if isinstance(load, float):
+                beyond = float(abs(load) > limit)
+            elif low >= limit or high <= -limit:
+                beyond = 1.0
+            else:
+                beyond = (1.0 + sign(load * load - limit**2)) / 2 if high > limit or low < -limit else 0.0
+            if beyond == 0.0:
+                continue
+            change = after - before
+            for factors, torque in torques.items():
+                yield Term.of(JointValue(joint), torque, *factors, beyond, change, loaded=True)
+            yield Term.of(JointValue(joint), -limit, side, beyond, change)

@@ -177,6 +177,17 @@ def check_transmission(module: ModuleType) -> None:
         }
         at, totals = evaluated(chain, [q], [source], values)
         same(totals[JointValue(0)], [fast * np.sin(200 * q + one) + slow * np.sin(q + two)], 1e-15)
+    # pieces: 60 N·m turn a gear of size 32 by 7.15e-4 rad (its maker), either way; half of the loss against the motion
+    weightless = one_link(axis=(0, 1, 0), gravity=(0.0, 0.0, 0.0))
+    gear = module.Transmission(
+        joint="hinge", stiffness=(67e3, 110e3, 120e3), limit_torques=(29.0, 108.0), hysteresis_loss=3e-4
+    )
+    by_hand = 29 / 67e3 + 31 / 110e3
+    for load in (60.0, -60.0):
+        model = ErrorModel(weightless, Space(), [gear, Force(at="tool", moment=(0.0, load, 0.0))])
+        for side in (1, -1):
+            turn = model.at([0.0], approach={"hinge": side}).error_at_means[4]
+            same(turn, np.sign(load) * by_hand - side * 1.5e-4, 1e-15)
         assert not any(term.loaded for term in at.terms)
     # a phase anywhere on the turn: half the amplitude's square at every pose
     for q in (0.0, 0.7):
