@@ -261,6 +261,7 @@ STATED = [
     {"mcpc": {"link": "link1", "alpha": ANGLE, "x": "1 ± 0.1 mm"}},
     {"mounting": {"at": "tool", "z": "±0.1 mm", "rx": "0.2 mrad"}},
     {"payload": {"at": "tool", "mass": "1 ± 0.1 kg", "com": ["±1 mm", "0 mm", "10 mm"]}},
+    {"run_out": {"joint": "joint2", "radial": "10 ± 2 um", "axial": "5 um", "order": 2}},
     {"servo": {"joint": "joint2", "stiffness": "50 ± 5 N*m/rad", "friction": {"uniform": "0.1 N*m", "mean": "0.4 N*m"}}},
     {"thermal": {"link": "link1", "expansion": "12 ± 1 ppm/K", "temperature_change": "±5 K"}},
     {"transmission": {"joint": "joint2", "amplitude": [ANGLE, "0.1 mrad"], "order": [1, 2]}},

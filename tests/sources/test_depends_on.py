@@ -57,6 +57,7 @@ SOURCES: list[tuple[Source, Dependence, bool]] = [
     (sources.Mcpc(link="link2", alpha=TOLERANCE, x=TOLERANCE), "chain", True),
     (sources.Mounting(at="base", z=TOLERANCE), "chain", True),
     (sources.Payload(at="half2", mass=Uniform(0.1, mean=2.0), com=(0.1, TOLERANCE, 0.0)), "chain", True),
+    (sources.RunOut(joint="joint2", radial=1e-5, tilt=1e-5, order=2), "configuration", False),
     (sources.Servo(joint="joint2", stiffness=1e5, friction=2.0), "loads", False),
     (sources.Thermal(expansion=1.2e-5, temperature_change=Uniform(3.0)), "chain", True),
     (sources.Thermal(link="link3", expansion=1.2e-5, gradient=5.0, across="z of joint3"), "configuration", True),

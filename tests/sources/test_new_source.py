@@ -286,7 +286,21 @@ def test_draws_are_named_as_a_reader_would(tmp_path) -> None:
 
 
 def test_words_are_of_settings_that_there_are() -> None:
-    own = {"A", "B", "side", "phase", "quantisation", "row", "error", "height", "across", "approach"}
+    own = {
+        "A",
+        "B",
+        "side",
+        "phase",
+        "quantisation",
+        "row",
+        "error",
+        "height",
+        "across",
+        "approach",
+        "radial_phase",
+        "axial_phase",
+        "tilt_phase",
+    }
     for kind in KINDS.values():
         assert set(kind.words) <= {*kind.__dataclass_fields__, *own}
         assert all(text.format(subject="joint1", at="tool") for text in kind.words.values())

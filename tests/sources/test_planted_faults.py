@@ -23,6 +23,7 @@ SIGNS = (
     Fault("joint_offset", "offset reversed", "JointValue(joint), 1.0,", "JointValue(joint), -1.0,"),
     Fault("length", "direction turned the wrong way", "se3.turn(to_place, self", "-se3.turn(to_place, self"),
     Fault("mcpc", "γ turned the wrong way", "((0, 0, 1), gamma)", "((0, 0, 1), -gamma)"),
+    Fault("run_out", "turns the other way", "(cosine, -sine) if", "(cosine, sine) if"),
     Fault("servo", "friction helps", "Term.of(target, -1.0, direction", "Term.of(target, 1.0, direction"),
     Fault("servo", "friction by load helps", "-torque, *factors, direction", "torque, *factors, direction"),
     Fault("force", "pulls back", "unit * value, ()", "-unit * value, ()"),
@@ -68,6 +69,8 @@ LAWS = (
     Fault("force", "dead where it follows", 'self.axes != "base"', "False"),
     Fault("force", "point forgotten", "+= frame[:3, :3] @", "+= 0 * frame[:3, :3] @"),
     Fault("force", "a cube of directions", "sqrt(1.0 - height * height)", "(1.0 - height * height)"),
+    Fault("run_out", "one order too many", "np.sin(self.order * posture", "np.sin((self.order + 1) * posture"),
+    Fault("run_out", "height the other way", "wrench_at(self.at_height)", "wrench_at(-self.at_height)"),
     Fault("servo", "friction of the compensated torque", "coefficient != 0.0:", "False:"),
     Fault("servo", "random payload compensated", "at_means(commanded.torque_on(joint), space.space)", "0.0"),
     Fault(

@@ -202,6 +202,34 @@ def _check_each_robot(module: ModuleType) -> None:
 RADIAL, AXIAL, TILT, ROLL = 3e6, 5e6, 2e4, 7e3
 
 
+def check_run_out(module: ModuleType) -> None:
+    chain, a, b, t, height = bearing(), 8e-6, 3e-6, 1e-5, 0.06
+    source = module.RunOut(joint="hinge", radial=a, axial=b, tilt=Uniform(1e-6, mean=t), order=2, at_height=height)
+    phases = {"radial": 0.4, "axial": -1.0, "tilt": 2.0}
+    values = {f"run_out[hinge].{name}_phase.x": np.cos(phase) for name, phase in phases.items()}
+    values |= {f"run_out[hinge].{name}_phase.y": np.sin(phase) for name, phase in phases.items()}
+    for q in (0.0, 0.7, -2.5):
+        _, totals = evaluated(chain, [q], [source], values | {"run_out[hinge].tilt": 1.1e-5})
+        ((place, total),) = totals.items()
+        assert place == chain.seat(0)
+        angles = [2 * q + phases[name] for name in ("radial", "axial", "tilt")]
+        tilt = 1.1e-5 * np.array([np.cos(angles[2]), np.sin(angles[2]), 0])
+        # the point of the axis at this height is displaced by the radial and axial motion
+        shift = np.array([a * np.cos(angles[0]), a * np.sin(angles[0]), b * np.cos(angles[1])])
+        same(total[:3] + np.cross(tilt, [0, 0, height]), shift, 1e-19)
+        same(total[3:], tilt, 1e-19)
+    # E d(θ₁) d(θ₂)ᵀ of a whirl of order 2 between two angles 30° apart (of an independent code)
+    model = ErrorModel(chain, Space(), [module.RunOut(joint="hinge", radial=a, order=2)])
+    first, second = (model.at([angle]).arm for angle in (0.2, 0.2 + np.pi / 6))
+    jacobians = [at.table.displacement_slopes(model.space.mean)[0].slopes[:2] for at in (first, second)]
+    cross = jacobians[0] @ model.space.covariance @ jacobians[1].T
+    same(cross, [[1.6e-11, 2.7712812921102036e-11], [-2.7712812921102036e-11, 1.6e-11]], 1e-21)
+    # with phases of their own x and y do not go together
+    apart = ErrorModel(chain, Space(), [module.RunOut(joint="hinge", radial=a, order=1, phases="independent")])
+    slopes = apart.at([0.7]).table.displacement_slopes(apart.space.mean)[0].slopes[:2]
+    same(slopes @ apart.space.covariance @ slopes.T, np.eye(2) * a**2 / 2, 1e-20)
+
+
 def check_bearing_stiffness(module: ModuleType) -> None:
     _check_hinges(module)
     _check_two_bearings(module)
