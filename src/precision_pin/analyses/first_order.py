@@ -115,7 +115,7 @@ def first_order(
     at_reference = None if reference is None else reference.tangent
     parts: list[FirstOrder] = []
     shapes = LawShapes.of(space) if vectors else None
-    turns = error_model.chain.at_columns(values).pose[:3, :3] if any(one.in_tool for one in vectors) else None
+    turns = error_model.chain.at_columns(values).pose[:3, :3] if any(vector.in_tool for vector in vectors) else None
     begin = 0
     for chunk in tangents(error_model.at_columns(values, approaches)):
         poses = chunk.error.shape[1]
@@ -140,7 +140,7 @@ def first_order(
         if shapes is not None:
             remainders = shapes.remainders(chunk)
             axes = None if turns is None else turns[:, :, begin : begin + poses]
-            bounded = tuple(shapes.vectors(chunk, covariance, remainders, one, axes) for one in vectors)
+            bounded = tuple(shapes.vectors(chunk, covariance, remainders, vector, axes) for vector in vectors)
         parts.append(FirstOrder(chunk.error, covariance, shares, relative_mean, relative_covariance, bounded))
         begin += poses
         step(poses)

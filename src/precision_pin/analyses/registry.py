@@ -83,8 +83,13 @@ SPECIFICATIONS: Final = "precision_pin.statistics.plan:listed_specifications"
 
 def fitting_specs(sheet: Any, check: str = SPECIFICATIONS) -> list[Any]:
     """Return the limits of a sheet that pass the check of a command's ``--spec``; InputError for one that passes none."""
-    own = (option.check for one in declarations().values() for option in one.own_options if option.flag == "--spec")
-    checks = dict.fromkeys((check, SPECIFICATIONS, *own))
+    spec_checks = (
+        option.check
+        for declaration in declarations().values()
+        for option in declaration.own_options
+        if option.flag == "--spec"
+    )
+    checks = dict.fromkeys((check, SPECIFICATIONS, *spec_checks))
     fitting = []
     for k, spec in enumerate(sheet.specs):
         errors: list[Finding] = []

@@ -604,8 +604,10 @@ class HandEye(_Camera):
         cameras = places @ self.camera
         slopes = np.array([np.hstack([by_place(camera, board), -_turned(self.board)]) for camera in cameras[:count]])
         solver = self._solver(slopes)
-        by_errors = np.array([own @ transport(place[:3, 3], board) for own, place in zip(solver, places, strict=False)])
-        by_noise = np.array([-own @ _turned(camera) for own, camera in zip(solver, cameras, strict=False)])
+        by_errors = np.array(
+            [gain @ transport(place[:3, 3], board) for gain, place in zip(solver, places, strict=False)]
+        )
+        by_noise = np.array([-gain @ _turned(camera) for gain, camera in zip(solver, cameras, strict=False)])
 
         def at(task: Array, view: int) -> tuple[Array, Array]:
             seen = count + view
@@ -634,8 +636,8 @@ class HandEye(_Camera):
         workpiece = task @ se3.inverse(self.grasp)
         targets = [*[self.board] * count, workpiece]
         views = [
-            _displaced(se3.compose(se3.inverse(se3.compose(flange, self.camera)), target), own)
-            for flange, target, own in zip(flanges, targets, noise[list(numbers)], strict=True)
+            _displaced(se3.compose(se3.inverse(se3.compose(flange, self.camera)), target), view_noise)
+            for flange, target, view_noise in zip(flanges, targets, noise[list(numbers)], strict=True)
         ]
 
         def predict(camera: Array, board: Array) -> tuple[Array, Array]:
@@ -682,7 +684,7 @@ class EyeToHand(_Camera):
         slopes = np.array([np.hstack([by_place(self.camera, board[:3, 3]), -_turned(board)]) for board in boards])
         solver = self._solver(slopes)
         triples = zip(solver, places, boards, strict=True)
-        by_errors = np.array([-own @ transport(place[:3, 3], board[:3, 3]) for own, place, board in triples])
+        by_errors = np.array([-gain @ transport(place[:3, 3], board[:3, 3]) for gain, place, board in triples])
         by_noise = -solver @ _turned(self.camera)
 
         def at(task: Array, view: int) -> tuple[Array, Array]:
@@ -704,8 +706,8 @@ class EyeToHand(_Camera):
         reads = [robots.read(k, robots.commanded(k)) for k in range(len(places))]
         boards = [*(se3.compose(flange, self.board) for flange in flanges), workpiece]
         views = [
-            _displaced(se3.compose(se3.inverse(self.camera), board), own)
-            for board, own in zip(boards, noise, strict=True)
+            _displaced(se3.compose(se3.inverse(self.camera), board), view_noise)
+            for board, view_noise in zip(boards, noise, strict=True)
         ]
 
         def predict(camera: Array, board: Array) -> tuple[Array, Array]:

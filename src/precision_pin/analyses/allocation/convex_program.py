@@ -540,13 +540,13 @@ class _Relaxation:
         low = self._programme.least
         steps = t**2 - low**2
 
-        def kept(single: Limit, shares: Array) -> NDArray[np.bool_]:
+        def is_within_limit(single: Limit, shares: Array) -> NDArray[np.bool_]:
             return single.measure(np.sqrt((low**2)[:, None] + shares * steps[:, None]))[:, 0] <= single.limit
 
         for limit in self._nonlinear:
             for place in np.flatnonzero((limit.excess(t) > 0) & (limit.excess(low) <= 0)):
                 single = limit.at_place(int(place))
-                _, fraction = last_kept(partial(kept, single))
+                _, fraction = last_kept(partial(is_within_limit, single))
                 between = np.sqrt(low**2 + fraction * steps)
                 self._add_slope(limit, single.log_slopes(between)[:, 0], between, 0.0)
 

@@ -34,9 +34,9 @@ def table(result: BudgetResult, quantities: Sequence[str] = ()) -> str:
         lines += _heads(result, pose)
         for quantity in quantities:
             lines += ["", _headline(result, pose, quantity), *aligned(_draw_rows(pose, quantity, rows))]
-        shown = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
-        lines += ["", *aligned(_share_rows("source", shown, ((source_name(s), s.share) for s in pose.sources), rows))]
-        lines += ["", *aligned(_share_rows("joint or link", shown, ((p.name, p.share) for p in pose.places), rows))]
+        names = list(dict.fromkeys(quantity for quantity in quantities if not quantity.endswith(".norm"))) or [*VECTORS]
+        lines += ["", *aligned(_share_rows("source", names, ((source_name(s), s.share) for s in pose.sources), rows))]
+        lines += ["", *aligned(_share_rows("joint or link", names, ((p.name, p.share) for p in pose.places), rows))]
         lines += ["", *_notes(result, pose, quantities), ""]
     return "\n".join(lines).rstrip()
 

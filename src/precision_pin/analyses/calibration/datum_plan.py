@@ -98,11 +98,11 @@ class _Candidates:
         visits = full.procedures.visits
         columns = [full.space.index[name] for name in unit.names]
         shared = np.array([visit.at.jacobian[:, columns] @ unit.root for visit in visits])
-        own = np.array([visit.at.covariance for visit in visits]) - shared @ shared.swapaxes(1, 2)
+        covariances = np.array([visit.at.covariance for visit in visits]) - shared @ shared.swapaxes(1, 2)
         slopes = [at.jacobian[:, unit.columns] @ unit.root for at in tasks]
         parts = zip(tasks, slopes, strict=True)
         entries = tuple((at.posture.pose, at.posture.q, a, at.covariance - a @ a.T) for at, a in parts)
-        return cls(full.datums[0], count, np.array([visit.place for visit in visits]), shared, own, entries)
+        return cls(full.datums[0], count, np.array([visit.place for visit in visits]), shared, covariances, entries)
 
     def loss(self, choice: NDArray[np.intp]) -> float:
         """Return the mean of the position's variance at the tasks, m², for some candidates; inf if they determine nothing."""
@@ -113,10 +113,10 @@ class _Candidates:
         except InputError:
             return np.inf
         noise, total = np.square([std for _, std in datum.noise]), 0.0
-        for pose, q, by_unit, own in self.tasks:
+        for pose, q, by_unit, covariance in self.tasks:
             gains, noise_gains = (part[:, :3] for part in maps(pose, datum.view_of(q)))
             slopes = by_unit[:3] + np.einsum("vij,vjk->ik", gains, self.shared[rows])
-            total += float((slopes**2).sum() + np.trace(own[:3, :3]) + (noise_gains**2 * noise[:, None]).sum())
+            total += float((slopes**2).sum() + np.trace(covariance[:3, :3]) + (noise_gains**2 * noise[:, None]).sum())
             total += float(np.einsum("vij,vjk,vik->", gains, self.own[rows], gains, optimize=True))
         return total / len(self.tasks)
 

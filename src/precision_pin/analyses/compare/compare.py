@@ -131,22 +131,22 @@ class _Pairs:
         """Return the largest second value shown to be at most q₂ if q₁ is a; -inf if there is none."""
         less_counts = [0, *np.cumsum(self._first < a).tolist()]
 
-        def not_shown(rank: int) -> bool:
+        def is_insignificant(rank: int) -> bool:
             index = self._below[rank]
             return not _is_contradicted(less_counts[-1] - less_counts[index], index - less_counts[index], error)
 
-        rank = bisect_left(range(len(self._values)), True, key=not_shown)
+        rank = bisect_left(range(len(self._values)), True, key=is_insignificant)
         return self._values[rank - 1] if rank else -math.inf
 
     def most(self, a: float, error: float) -> float:
         """Return the smallest second value shown to be at least q₂ if q₁ is a; inf if there is none."""
         more_counts, count = [0, *np.cumsum(self._first > a).tolist()], len(self._values)
 
-        def shown(rank: int) -> bool:
+        def is_significant(rank: int) -> bool:
             index = self._up_to[rank]
             return _is_contradicted(more_counts[index], count - index - (more_counts[-1] - more_counts[index]), error)
 
-        rank = bisect_left(range(count), True, key=shown)
+        rank = bisect_left(range(count), True, key=is_significant)
         return self._values[rank] if rank < count else math.inf
 
 

@@ -456,7 +456,7 @@ def _moved(
 ) -> NDArray[np.bool_]:
     """Return which specified quantities vary, ``(S,)``, given which components do, ``(6,)``, and their covariance."""
     mask = with_norms(components)
-    return np.array([is_varying(one, mask, tool_axes, (covariance,)) for one in listed], dtype=np.bool_)
+    return np.array([is_varying(limit, mask, tool_axes, (covariance,)) for limit in listed], dtype=np.bool_)
 
 
 def _layouts(error_model: ErrorModel, poses: PoseSet) -> Iterator[tuple[SamplerArrays, Array]]:

@@ -49,15 +49,15 @@ class _Drawing:
         self.parts: list[Part] = []
         self.notes: list[str] = []
         self._surfaces: list[tuple[tuple[str, ...], Surface, Colour, Array, str]] = []
-        shown: set[int] = set()
+        links_with_shapes: set[int] = set()
         for number, link in enumerate(self._chain.robot.links):
             where = self._chain.link_frames[link.name]
             path = self._part(f"link{number}", where.link, where.frame, self._rank(link.name))
             self._draw_link(path, link)
             if link.visuals:
-                shown.add(where.link)
+                links_with_shapes.add(where.link)
         self._draw_surfaces()
-        self._draw_bare_links(shown)
+        self._draw_bare_links(links_with_shapes)
 
     def _part(self, name: str, link: int, frame: Array, rank: int | None) -> tuple[str, ...]:
         self.parts.append(Part(name, link, frame, rank))
@@ -114,9 +114,9 @@ class _Drawing:
             else:
                 self.notes.append(f"{owner}: a mesh, or a part of one, is too small to be seen; it is not drawn")
 
-    def _draw_bare_links(self, shown: set[int]) -> None:
+    def _draw_bare_links(self, links_with_shapes: set[int]) -> None:
         """Draw the parts without shapes: rigid pieces of the chain as rods, their joints as drums."""
-        bare = set(range(len(self._posture.link_poses))) - shown
+        bare = set(range(len(self._posture.link_poses))) - links_with_shapes
         for link in sorted(bare):
             path = self._part(f"chain{link}", link, np.eye(4), 0)
             self._draw_rod((*path, "rod"), self._chain.placements[link][:3, 3])

@@ -362,10 +362,10 @@ def _spread(first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray
 
 def _edges(which: NDArray[np.int64], depth: Array, step: float) -> NDArray[np.bool_]:
     """Return where a surface ends before another one farther behind, or before nothing."""
-    found = np.zeros(which.shape, dtype=bool)
+    is_edge = np.zeros(which.shape, dtype=bool)
     with np.errstate(invalid="ignore"):  # nothing less nothing
         for axis in (0, 1):
             for way in (1, -1):
                 behind = depth - np.roll(depth, way, axis=axis)
-                found |= (which >= 0) & (behind > step)
-    return found
+                is_edge |= (which >= 0) & (behind > step)
+    return is_edge

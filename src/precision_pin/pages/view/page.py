@@ -98,21 +98,21 @@ def page(
     title = title or f"{posture.chain.robot.name}: {posture.chain.base} to {posture.chain.tip_label}"
     length = scales.arm_length(posture)
     direction = scales.view_direction(posture, poses[0].errors[:3])
-    about_mean = any(scales.middle_of(one.errors[:3]).any() for one in poses)
+    about_mean = any(scales.middle_of(pose.errors[:3]).any() for pose in poses)
     factors = [float(factor)] * 2 if factor is not None else _factors(poses, direction)
     first_factor = factors[about_mean]
-    scale = ColourScale.of(np.concatenate([np.linalg.norm(one.errors[:3], axis=0) for one in poses]))
+    scale = ColourScale.of(np.concatenate([np.linalg.norm(pose.errors[:3], axis=0) for pose in poses]))
     spacing = round_number(0.125 * length)
     scene = Scene()
     parts, notes = draw_arm(scene, posture, [Path(folder) for folder in package_dirs])
     _draw_grid(scene, spacing)
     for layer in layers:
         layer.draw(scene, length)
-    pose_models = [one.pose_model for one in poses]
+    pose_models = [pose.pose_model for pose in poses]
     groups = choose_groups(pose_models, poses[0].words, attitude=limits_attitude(specifications))
     most = min(points, scales.MOST_POINTS // len(poses))
     common = PageData(seed, parts, most, len(poses), groups, specifications)
-    data = [PoseData(one, common, number) for number, one in enumerate(poses, start=1)]
+    data = [PoseData(pose, common, number) for number, pose in enumerate(poses, start=1)]
     # MCPC frames 0 to n + 1, the tip (Wei, Jia and Chen, 2015, Fig 4), each in its chain link
     frames = mcpc.from_chain(posture.chain).frame_in_link
     standing = [*enumerate(frames), (len(frames) - 1, posture.chain.placements[-1])]
@@ -153,9 +153,9 @@ def page(
     )
     listed = "".join(f"<li>{escaped(note)}</li>" for note in notes)
     label = escaped(f"{title}: the arm, its end-effector frame and sampled positions, described beside it")
-    deflected = any(np.any(one.deflected) for one in data)
+    deflected = any(np.any(pose.deflected) for pose in data)
     how = "deflected by its mean loads" if deflected else "the same as without error"
-    is_limit_drawn = any(one.row in _DRAWN for one in specifications)
+    is_limit_drawn = any(specification.row in _DRAWN for specification in specifications)
     ghosts_line, limit_line = _optional_layers(data, specifications, is_limit_drawn, datum is not None)
     viewer, script = _scripts(layers)
     return string.Template(asset("page.html")).substitute(
@@ -195,7 +195,7 @@ def page(
         layers="\n".join(layer.legend() for layer in layers),
         deflected=f"arm with every draw at its mean: {how}",
         no_deflected="" if deflected else " disabled",
-        no_ellipsoids="" if any(one.ellipsoids for one in data) else " disabled",
+        no_ellipsoids="" if any(pose.ellipsoids for pose in data) else " disabled",
         # a drawn limit is among the first four
         fourth=limit_line if is_limit_drawn else ghosts_line,
         under_more=ghosts_line if is_limit_drawn else limit_line,
@@ -205,13 +205,13 @@ def page(
 
 def _factors(poses: Sequence[ViewPose], direction: Array) -> list[float]:
     """Return the initial exaggeration of errors drawn from zero, and of errors drawn from their mean."""
-    postures = [one.pose_model.posture for one in poses]
+    postures = [pose.pose_model.posture for pose in poses]
 
     def choose(*, about_mean: bool) -> float:
-        means = [one.errors[:3].mean(axis=1, keepdims=True) * about_mean for one in poses]
+        means = [pose.errors[:3].mean(axis=1, keepdims=True) * about_mean for pose in poses]
         return min(
-            scales.default_factor(one.errors[:3] - mean, one.pose_model.posture, postures, direction)
-            for one, mean in zip(poses, means, strict=True)
+            scales.default_factor(pose.errors[:3] - mean, pose.pose_model.posture, postures, direction)
+            for pose, mean in zip(poses, means, strict=True)
         )
 
     return [choose(about_mean=False), choose(about_mean=True)]
@@ -227,20 +227,20 @@ def _draw_grid(scene: Scene, spacing: float) -> None:
 
 def _settings_of_answers(data: Sequence[PoseData], common: PageData) -> dict[str, object]:
     """Return the settings of what the scripts compute: quantiles, verdicts and the effect of other tolerances."""
-    poses = [one.settings for one in data]
+    poses = [pose.settings for pose in data]
     return {
         "seed": common.seed,
         "levels": LEVELS,
         "confidence": CONFIDENCE,
         "limits": [
             {
-                "row": -1 if one.row is None else one.row,
-                "limit": one.limit,
-                "parts": [{**asdict(LIMITED[quantity]), "limit": limit} for quantity, limit in one.parts],
-                "required": one.required,
-                "text": limit_text(one),
+                "row": -1 if specification.row is None else specification.row,
+                "limit": specification.limit,
+                "parts": [{**asdict(LIMITED[quantity]), "limit": limit} for quantity, limit in specification.parts],
+                "required": specification.required,
+                "text": limit_text(specification),
             }
-            for one in common.specifications
+            for specification in common.specifications
         ],
         "tolerances": shown_names(common.groups.names),
         "deviations": share_rows(poses),
@@ -252,11 +252,11 @@ def _optional_layers(
     data: Sequence[PoseData], specifications: Sequence[Specification], is_drawn: bool, is_in_datum: bool
 ) -> list[str]:
     """Return the boxes of the arms as built and of the limit on the position, which not every page has."""
-    has_ghosts = all(one.ghosts for one in data)
+    has_ghosts = all(pose.ghosts for pose in data)
     built = f"arms of {len(data[0].ghosts)} sampled robots, as built"
     why = "they stand in base axes, not in the datum" if is_in_datum else "the errors are not those of this seed"
     none = f"arms as built: none, {why}"
-    limits = "; ".join(limit_text(one) for one in specifications if one.row in _DRAWN)
+    limits = "; ".join(limit_text(specification) for specification in specifications if specification.row in _DRAWN)
     return [
         f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i>'
         f"<span>{escaped(text)}</span></label></li>"
@@ -316,21 +316,21 @@ def source_hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode('utf-8')).digest()).decode('ascii')}'"
 
 
-def _checked(shown: Sequence[ViewPose]) -> list[ViewPose]:
+def _checked(view_poses: Sequence[ViewPose]) -> list[ViewPose]:
     """Return the poses with errors as arrays of numbers, all with equally many sampled frames."""
-    if not 1 <= len(shown) <= scales.MOST_POSES:
-        raise InputError(f"a page shows 1 to {scales.MOST_POSES} poses, got {len(shown)}")
+    if not 1 <= len(view_poses) <= scales.MOST_POSES:
+        raise InputError(f"a page shows 1 to {scales.MOST_POSES} poses, got {len(view_poses)}")
     poses = []
-    for one in shown:
-        if one.pose_model.posture.chain is not shown[0].pose_model.posture.chain:
+    for pose in view_poses:
+        if pose.pose_model.posture.chain is not view_poses[0].pose_model.posture.chain:
             raise InputError("all poses of a page must be of one chain")
-        values = np.asarray(one.errors, dtype=float)
+        values = np.asarray(pose.errors, dtype=float)
         if values.ndim != 2 or values.shape[0] != 6 or values.shape[1] < 1:
             raise InputError(f"errors have shape {values.shape}, expected (6, N) with N of 1 or more")
         if not np.isfinite(values).all():
             raise InputError("errors must be finite numbers")
-        poses.append(replace(one, errors=values))
-    if len({one.errors.shape for one in poses}) > 1:
+        poses.append(replace(pose, errors=values))
+    if len({pose.errors.shape for pose in poses}) > 1:
         raise InputError("all poses of a page must have equally many samples")
     return poses
 
@@ -348,8 +348,8 @@ def _scripts(layers: Sequence[Layer]) -> tuple[str, str]:
         for layer in layers
         if layer.script
     )
-    own = f"{before}{''.join(drawn)}{after}"
-    scripts = viewer_script(), f'"use strict";\n(function () {{\n{own}}})();'
+    page_script = f"{before}{''.join(drawn)}{after}"
+    scripts = viewer_script(), f'"use strict";\n(function () {{\n{page_script}}})();'
     for code in scripts:
         if "</script" in code.lower() or "<!--" in code:
             raise InternalError("a script would end its HTML element early")

@@ -109,8 +109,8 @@ def samples_that_fit(space: Space, groups: Groups, poses: int) -> int:
 def share_rows(poses: Sequence[dict[str, Any]]) -> list[str]:
     """Return the distinct rows of deviations of all poses, and store their indices in the poses' settings."""
     rows: dict[str, int] = {}
-    for live in (pose["live"] for pose in poses if pose["live"] is not None):
-        live["deviations"] = [rows.setdefault(row, len(rows)) for row in live["deviations"]]
+    for numbers in (pose["live"] for pose in poses if pose["live"] is not None):
+        numbers["deviations"] = [rows.setdefault(row, len(rows)) for row in numbers["deviations"]]
     return list(rows)
 
 
@@ -221,7 +221,7 @@ class PoseData:
         title = " ".join(filter(None, (shown.name, rank))) or "without a name"
         drawn = "" if points == samples else f", of which the first {points:,} are drawn"
         self.ellipsoids = ellipsoids(errors[:3])
-        inside = [f"{100 * one.inside:.2f} % of the samples inside" for one in self.ellipsoids]
+        inside = [f"{100 * ellipsoid.inside:.2f} % of the samples inside" for ellipsoid in self.ellipsoids]
         inside = inside or ["none, too few samples or no spread"] * len(SHARES)
         self.answers = _answers(shown, page.specifications)
         self.texts = {
@@ -253,7 +253,7 @@ class PoseData:
             "shares": link_shares(at),
             "live": _live(shown, page, model, points),
             "mean": errors.mean(axis=1).tolist(),
-            "ellipsoids": [columns(one.matrix) for one in self.ellipsoids],
+            "ellipsoids": [columns(ellipsoid.matrix) for ellipsoid in self.ellipsoids],
             "frames": errors[:, :MOST_FRAMES].T.tolist(),
             "targets": _packed(at.table.frames.swapaxes(1, 2)),
             "before": [part.targets_before(at.table.targets) for part in page.parts],
@@ -264,9 +264,9 @@ class PoseData:
         }
 
 
-def _model_of(shown: ViewPose, x: Array) -> str | None:
+def _model_of(view_pose: ViewPose, x: Array) -> str | None:
     """Return the model that gives the first errors with these numbers, None if neither does."""
-    at, errors = shown.pose_model, shown.errors[:, : x.shape[1]]
+    at, errors = view_pose.pose_model, view_pose.errors[:, : x.shape[1]]
     for model, errors_of in (("exact", at.exact), ("linear", at.linear)):
         with suppress(InputError):
             if np.allclose(errors_of(x), errors, rtol=1e-6, atol=1e-12):
@@ -280,13 +280,13 @@ def _displacements(at: PoseModel, x: Array) -> tuple[Array, ...]:
     return tuple(displacements.transpose(2, 0, 1))
 
 
-def _live(shown: ViewPose, page: PageData, model: str | None, points: int) -> dict[str, Any] | None:
+def _live(view_pose: ViewPose, page: PageData, model: str | None, points: int) -> dict[str, Any] | None:
     """Return the numbers with which samples follow the sliders, for as many samples as the size limit allows."""
-    at, groups = shown.pose_model, page.groups
+    at, groups = view_pose.pose_model, page.groups
     if model is None or not groups.names:
         return None
     room = samples_that_fit(at.space, groups, page.count)
-    x = at.space.sample(page.seed, 0, min(points, room), pose=shown.pose)
+    x = at.space.sample(page.seed, 0, min(points, room), pose=view_pose.pose)
     centre, jacobian = tangent_of(at, model)
     # the arm's length weights attitude errors against position errors
     weights = np.repeat([1.0, arm_length(at.posture)], 3)[:, None]

@@ -100,7 +100,7 @@ def snapped(robot: Robot) -> Robot:
     for joint in robot.joints:
         roll, pitch, yaw = (angle if (exact := find_exact_angle(angle)) is None else exact for angle in joint.rpy)
         joints.append(replace(joint, rpy=(roll, pitch, yaw)))
-    findings = tuple(found for found in robot.findings if found.code != "W_ANGLE_ROUNDED")
+    findings = tuple(finding for finding in robot.findings if finding.code != "W_ANGLE_ROUNDED")
     return replace(robot, joints=tuple(joints), findings=findings)
 
 
@@ -133,15 +133,15 @@ def check_joints(joints: Sequence[Joint], findings: Findings) -> None:
 
 def without_twins(things: Sequence[Named | None], kind: str, code: str, findings: Findings) -> tuple[Named, ...]:
     """Return the first link or joint of each name; add ``E_DUP_LINK`` or ``E_DUP_JOINT`` for others."""
-    kept: dict[str, Named] = {}
+    by_name: dict[str, Named] = {}
     for thing in things:
         if thing is None:
             continue
-        first = kept.setdefault(thing.name, thing)
+        first = by_name.setdefault(thing.name, thing)
         if first is not thing:
             message = f"{kind} {shown(thing.name)} occurs twice (first in line {first.line}); names must be unique"
             findings.add(code, message, thing.line)
-    return tuple(kept.values())
+    return tuple(by_name.values())
 
 
 def check_tree(links: Sequence[Link], joints: Sequence[Joint], findings: Findings) -> bool:
@@ -286,16 +286,16 @@ def check_inertias(links: tuple[Link, ...], robot: Robot | None, findings: Findi
 def mended_inertias(links: tuple[Link, ...]) -> dict[str, dict[str, float]]:
     """Return the parts of the nearest physical inertia, by name of each link with an unphysical one."""
     # negative second moments of its mass, tr(I)/2 - I, become zero; mass and centre of mass stay
-    found = {}
+    inertias = {}
     for link in links:
         if link.inertial is not None and _verdict(_moments(link.inertial.tensor), link.inertial.mass) in WHAT:
             ixx, ixy, ixz, iyy, iyz, izz = link.inertial.inertia
             tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
             seconds, axes = np.linalg.eigh(np.eye(3) * np.trace(tensor) / 2 - tensor)
-            kept = (axes * np.maximum(seconds, 0.0)) @ axes.T
-            parts = (np.eye(3) * np.trace(kept) - kept)[np.triu_indices(3)]
-            found[link.name] = dict(zip(PARTS, map(float, parts), strict=True))
-    return found
+            second_moments = (axes * np.maximum(seconds, 0.0)) @ axes.T
+            parts = (np.eye(3) * np.trace(second_moments) - second_moments)[np.triu_indices(3)]
+            inertias[link.name] = dict(zip(PARTS, map(float, parts), strict=True))
+    return inertias
 
 
 def _verdict(moments: Array, mass: float) -> Verdict:

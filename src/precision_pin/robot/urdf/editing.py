@@ -156,7 +156,7 @@ def _frame_lines(frame: AddedFrame) -> list[str]:
 
 def _make_safe(line: str) -> str:
     """Return a line that ends neither a comment nor the line."""
-    visible = "".join(one if one.isprintable() else " " for one in line)
+    visible = "".join(character if character.isprintable() else " " for character in line)
     return re.sub("-(?=-)", "- ", visible)
 
 

@@ -128,10 +128,13 @@ def _check_gltf_tree(tree: Mapping[str, Any], binary: bytes | None, companion: C
         buffers.append(content)
     views = [_view(view, buffers) for view in tree.get("bufferViews", [])]
     accessors = [_accessor(accessor, views) for accessor in tree.get("accessors", [])]
-    meshes = [[_triangles(one, accessors) for one in mesh.get("primitives", [])] for mesh in tree.get("meshes", [])]
+    meshes = [
+        [_triangles(primitive, accessors) for primitive in mesh.get("primitives", [])]
+        for mesh in tree.get("meshes", [])
+    ]
     _check_nodes(tree, [sum(map(len, primitives)) for primitives in meshes])
-    found = [triangles for primitives in meshes for triangles in primitives if len(triangles)]
-    return bool(found) and all(map(_is_flat, found))
+    surfaces = [triangles for primitives in meshes for triangles in primitives if len(triangles)]
+    return bool(surfaces) and all(map(_is_flat, surfaces))
 
 
 def _from_uri(uri: str, companion: Companion) -> bytes:
@@ -265,8 +268,8 @@ def _check_geometry(geometry: ElementTree.Element) -> tuple[int, bool]:
             if given.get("semantic") == "POSITION":
                 rows["#" + vertices.get("id", "")] = rows.get(given.get("source", ""), np.zeros((0, 3)))
     kinds = ("triangles", "polylist", "polygons", "trifans", "tristrips")
-    found = [_check_faces(faces, rows) for kind in kinds for faces in geometry.iter(kind)]
-    return sum(count for count, _ in found), all(is_flat for _, is_flat in found)
+    results = [_check_faces(faces, rows) for kind in kinds for faces in geometry.iter(kind)]
+    return sum(count for count, _ in results), all(is_flat for _, is_flat in results)
 
 
 def _rows(source: ElementTree.Element) -> NDArray[np.float64]:
@@ -285,7 +288,7 @@ def _rows(source: ElementTree.Element) -> NDArray[np.float64]:
 
 
 def _check_faces(faces: ElementTree.Element, rows: Mapping[str, NDArray[np.float64]]) -> tuple[int, bool]:
-    inputs = [(int(one.get("offset", 0)), rows.get(one.get("source", "")), one) for one in faces.findall("input")]
+    inputs = [(int(node.get("offset", 0)), rows.get(node.get("source", "")), node) for node in faces.findall("input")]
     width = 1 + max((offset for offset, _, _ in inputs), default=0)
     indices = np.array([word for p in faces.findall("p") for word in (p.text or "").split()], dtype=np.int64)
     if width < 1 or len(indices) % width:
@@ -296,11 +299,11 @@ def _check_faces(faces: ElementTree.Element, rows: Mapping[str, NDArray[np.float
     if corners is not None and corners * width != len(indices):
         raise BrokenMeshError(f"claims {corners} corners of faces, but holds {len(indices) // width}")
     is_flat = not len(indices)
-    for offset, table, one in inputs:
+    for offset, table, node in inputs:
         column = indices[offset::width]
         if column.size and table is not None and not 0 <= int(column.min()) <= int(column.max()) < len(table):
             raise BrokenMeshError(f"holds face indices outside its {len(table)} rows")
-        if one.get("semantic") == "VERTEX" and table is not None:
+        if node.get("semantic") == "VERTEX" and table is not None:
             # of polygons every three successive corners, also from one to the next
             first = np.arange(0, column.size - 2, 3 if faces.tag == "triangles" else 1)
             is_flat = _is_flat(table[column[first[:, None] + np.arange(3)], :3])

@@ -73,7 +73,7 @@ def mended(path: str | os.PathLike[str], *, limits: tree.Limits = DEFAULT_LIMITS
 def _robot_or_raise(
     robot: tree.Robot | None, findings: tuple[Finding, ...], let_pass: frozenset[str] = frozenset()
 ) -> tree.Robot:
-    if robot is None or any(found.severity == "error" and found.code not in let_pass for found in findings):
+    if robot is None or any(finding.severity == "error" and finding.code not in let_pass for finding in findings):
         raise UrdfError(findings)
     return replace(robot, findings=findings)
 
@@ -487,8 +487,8 @@ class Looks:
             raise _Bad("it has no <geometry>")
         shapes = [child for child in element.children if child.tag in SHAPES]
         if not shapes:
-            found = f"<{element.children[0].tag[:40]}>" if element.children else "nothing"
-            raise _Bad(f"<geometry> holds {found}; one of {', '.join(SHAPES)} is needed")
+            content = f"<{element.children[0].tag[:40]}>" if element.children else "nothing"
+            raise _Bad(f"<geometry> holds {content}; one of {', '.join(SHAPES)} is needed")
         if len(shapes) > 1:
             raise _Bad(f"<geometry> holds {len(shapes)} shapes; one is needed")
         shape = shapes[0]
