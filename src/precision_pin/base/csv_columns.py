@@ -69,8 +69,8 @@ class TableForm:
 
         The separator is one that divides both rows into equally many cells.
         """
-        heads = {one: len(cls(one).cells(header)) for one in (";", ",", "\t", " ")}
-        alike = [one for one, count in heads.items() if len(cls(one).cells(row[:_HEAD])) == count > 1]
+        heads = {mark: len(cls(mark).cells(header)) for mark in (";", ",", "\t", " ")}
+        alike = [mark for mark, count in heads.items() if len(cls(mark).cells(row[:_HEAD])) == count > 1]
         separator = alike[0] if alike else max((",", ";", "\t"), key=header.count)
         return cls(separator, "," if separator != "," and has_commas else ".")
 
@@ -145,7 +145,7 @@ class ColumnNames:
             name, unit = (match[1] or "").strip(), (match[2] or "").strip()
             if column == "*" and what != IGNORE:
                 units = tuple(unit.split())
-                unknown = next((one for one in units if not any(one in each.units for each in QUANTITIES)), None)
+                unknown = next((label for label in units if not any(label in each.units for each in QUANTITIES)), None)
                 if unknown is not None:
                     raise UnitError(
                         f"columns: {shown(unknown, _LONGEST)} is not a unit; of lengths and angles: *=[m rad]"
@@ -160,12 +160,12 @@ class ColumnNames:
         for column in self.names:
             if column not in present:
                 raise InputError(f"there is no column {column!r}; {nearest(column, present)}")
-        found = []
+        columns = []
         for cell, name, unit in header:
             is_dropped = not cell or (self.ignores_others and not (known(name) or name in self.cells))
             new, given = self.names.get(cell) or self.names.get(name) or (IGNORE if is_dropped else name, "")
-            found.append((new, given or unit))
-        return found
+            columns.append((new, given or unit))
+        return columns
 
 
 def columns_for(file: str, text: str | None, files: Iterable[str | None], usual: Iterable[str] = ()) -> str:
@@ -174,13 +174,13 @@ def columns_for(file: str, text: str | None, files: Iterable[str | None], usual:
     Left out are those of columns that only others of the ``files`` have. Without a text, the entries of ``usual`` texts
     for columns that the file has.
     """
-    others = {name for one in files if one not in (None, file) for name in _names_in(one)}
+    others = {name for path in files if path not in (None, file) for name in _names_in(path)}
     if text is not None and not others:
         return text
-    own = _names_in(file)
-    listed = dict.fromkeys(entry.strip() for one in (usual if text is None else [text]) for entry in one.split(","))
+    names = _names_in(file)
+    listed = dict.fromkeys(entry.strip() for value in (usual if text is None else [text]) for entry in value.split(","))
     named = [(entry, entry.partition("=")[0].strip()) for entry in listed]
-    is_kept = own.__contains__ if text is None else lambda name: name in own or name not in others
+    is_kept = names.__contains__ if text is None else lambda name: name in names or name not in others
     return ",".join(entry for entry, name in named if is_kept(name))
 
 
@@ -292,11 +292,11 @@ def read(
     rows = None if wordy else numbers(form.plain(below), len(header))
     words: list[list[str]] = []
     if rows is None:
-        found = []
+        pairs = []
         for number, line in lines[1:]:
             with _at(f"{file}, line {number}"):
-                found.append(_row(form, form.cells(line), header, named.cells, may_miss))
-        rows, words = np.array([row for row, _ in found]), [texts for _, texts in found]
+                pairs.append(_row(form, form.cells(line), header, named.cells, may_miss))
+        rows, words = np.array([row for row, _ in pairs]), [texts for _, texts in pairs]
     plain = [entry for entry in header if not entry[2]]
     return Measured(
         file,
@@ -317,10 +317,10 @@ def numbers(lines: Sequence[str], columns: int) -> Array | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy warns about input without data
-            found = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+            values = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except (ValueError, UserWarning):
         return None
-    return found if found.shape == (len(lines), columns) and np.isfinite(found).all() else None
+    return values if values.shape == (len(lines), columns) and np.isfinite(values).all() else None
 
 
 def is_row(line: str) -> bool:
@@ -344,17 +344,17 @@ def _row(
     """Return the numbers of a row, and its texts."""
     if len(cells) != len(header):
         raise InputError(f"{len(cells)} cells, but the header has {len(header)}")
-    found, words = [], []
+    values, words = [], []
     for cell, (name, _, is_text) in zip(cells, header, strict=True):
         if is_text:
             words.append(cell)
             if cell != (text := fixed.get(name, cell)):
                 raise InputError(f"{name} is {shown(cell, _LONGEST)}, and in the first row {shown(text, _LONGEST)}")
             continue
-        found.append(form.number(cell))
-        if math.isnan(found[-1]) and not (may_miss and cell.casefold() in ("", "nan", "na", "n/a", "null")):
+        values.append(form.number(cell))
+        if math.isnan(values[-1]) and not (may_miss and cell.casefold() in ("", "nan", "na", "n/a", "null")):
             raise InputError(f"{shown(cell, _LONGEST)} is not a number such as 0.012 or 1.2e-2{form.hint(cell)}")
-    return found, words
+    return values, words
 
 
 def read_header(cells: Sequence[str], known: Collection[str] = (), example: str = _EXAMPLE) -> list[Heading]:

@@ -84,7 +84,7 @@ def make_option(option: Option) -> shared.Decorator:
 
 def _run(declaration: Declaration, options: dict[str, Any]) -> int:
     outputs, sheets = _check(declaration, options)
-    read = {name: read_sheet({**options, **own}, outputs) for name, own in sheets.items()}
+    read = {name: read_sheet({**options, **sheet_options}, outputs) for name, sheet_options in sheets.items()}
     first = next(iter(read.values()))
     source = click.get_current_context().get_parameter_source
     asked = Asked(
@@ -125,8 +125,8 @@ def _run(declaration: Declaration, options: dict[str, Any]) -> int:
 
 def _spec_checks(declaration: Declaration) -> dict[str, str]:
     """Return the checks of the option ``--spec`` by its argument."""
-    own = {option.argument: option.check for option in declaration.own_options if option.flag == "--spec"}
-    return own or ({"specs": SPECIFICATIONS} if "spec" in declaration.options else {})
+    checks = {option.argument: option.check for option in declaration.own_options if option.flag == "--spec"}
+    return checks or ({"specs": SPECIFICATIONS} if "spec" in declaration.options else {})
 
 
 def echo_new_warnings(job: Job, result: Any) -> None:
@@ -184,8 +184,8 @@ def _at_poses(declaration: Declaration, asked: Asked) -> Job:
     poses = asked.read_poses()
     sheet = poses.noted_in(asked.sheet)
     model = ErrorModel.from_sheet(sheet)
-    own = declaration.own_options
-    arguments = {option.argument: asked.options[option.argument] for option in own if not option.is_of_table}
+    options = declaration.own_options
+    arguments = {option.argument: asked.options[option.argument] for option in options if not option.is_of_table}
 
     def files(result: Result) -> Files:
         count = len(result.poses)
@@ -209,7 +209,7 @@ def _answer(declaration: Declaration, job: Job, result: Any, options: Mapping[st
     if job.is_written_first:
         for note in write(result):
             echo_note(note)
-    of_table = {one.argument: options[one.argument] for one in declaration.own_options if one.is_of_table}
+    of_table = {option.argument: options[option.argument] for option in declaration.own_options if option.is_of_table}
     table = job.table or partial(declaration.table, **of_table)
     others = () if job.is_written_first else set(declaration.writes) - {"json_path"}
     below = sum(options[name] is not None for name in ("out", *others))

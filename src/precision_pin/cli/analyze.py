@@ -146,14 +146,14 @@ def _analyze_poses(
     from precision_pin.sampling.table import poses_table
 
     compile_sampler(error_model.space, arm["model"])
-    found = _find(error_model, poses, arm["model"])
-    echo_warnings(found)
+    findings = _find(error_model, poses, arm["model"])
+    echo_warnings(findings)
     steps = (2 if arm["spec_everywhere"] else 1) * samples * len(poses)
     with working(arm) as workers, progress_bar(steps, "sampling") as progress:
         result = sample_poses(
             error_model, [pose.where for pose in poses], samples=samples, seed=arm["seed"], model=arm["model"],
             specifications=arm["specs"], everywhere=arm["spec_everywhere"],
-            findings=(*sheet.findings, *found), files={"sheet": sheet.file}, progress=progress, **workers,
+            findings=(*sheet.findings, *findings), files={"sheet": sheet.file}, progress=progress, **workers,
         )  # fmt: skip
     result = replace(result, names=tuple(pose.name for pose in poses))
     echo_result(result, arm["json_path"], lambda: poses_table(result, is_whole=arm["is_whole"]), is_answered=True)
@@ -177,7 +177,7 @@ def _find(error_model: ErrorModel, poses: Sequence[AskedPose], model: Any) -> tu
     from precision_pin.render.tables import pose_labels
     from precision_pin.sampling.verdict_grounds import MOST_POSES, exact_findings
 
-    found = []
+    findings = []
     for rank, (pose, label) in enumerate(zip(poses, pose_labels([pose.name for pose in poses]), strict=True)):
         if rank < MOST_POSES:
             at = error_model.at(pose.where)
@@ -185,8 +185,8 @@ def _find(error_model: ErrorModel, poses: Sequence[AskedPose], model: Any) -> tu
         else:
             here = error_model.chain.at(error_model.configuration(pose.where)).findings
         where = f"pose {pose.name!r}" if pose.name else label
-        found += [replace(finding, message=f"{where}: {finding.message}") for finding in here]
+        findings += [replace(finding, message=f"{where}: {finding.message}") for finding in here]
         raise_if_interrupted()
     asked = [pose.where for pose in poses]
     values, _ = error_model.configurations(asked)
-    return (*found, *exact_findings(error_model, values, error_model.approaches_of(asked, values)))
+    return (*findings, *exact_findings(error_model, values, error_model.approaches_of(asked, values)))

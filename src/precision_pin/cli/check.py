@@ -41,7 +41,7 @@ def command(as_json: bool, **arm: Any) -> int:
     errors, warnings, notes = groups["errors"], groups["warnings"], groups.get("notes", ())
     if as_json:
         keys = ("code", "message", "file", "line")
-        listed = {name: [{key: getattr(one, key) for key in keys} for one in group] for name, group in groups.items()}
+        listed = {name: [{key: getattr(item, key) for key in keys} for item in group] for name, group in groups.items()}
         echo_data(json.dumps(listed, ensure_ascii=False))
     else:
         if errors or warnings:
@@ -60,16 +60,16 @@ def _findings(arm: Options) -> tuple[Finding, ...]:
 
     findings: tuple[Finding, ...] = ()
     try:
-        found = find_inputs(arm["inputs"], sheet_needed=False)
-        if found.sheet is None:
-            assert found.robot is not None
+        inputs = find_inputs(arm["inputs"], sheet_needed=False)
+        if inputs.sheet is None:
+            assert inputs.robot is not None
             if arm["changes"]:
                 return (Finding("error", "E_USAGE", "--set changes a sheet, and none is given"),)
-            findings = urdf.check(found.robot, package_dirs=arm["package_dirs"])
-            if (arm["tip"], arm["base"]) != (None, None) and not any(one.severity == "error" for one in findings):
-                Chain.from_urdf(str(found.robot), arm["tip"], arm["base"])
+            findings = urdf.check(inputs.robot, package_dirs=arm["package_dirs"])
+            if (arm["tip"], arm["base"]) != (None, None) and not any(entry.severity == "error" for entry in findings):
+                Chain.from_urdf(str(inputs.robot), arm["tip"], arm["base"])
             return findings
-        sheet = read_inputs(found, arm)
+        sheet = read_inputs(inputs, arm)
     except InputError as error:
         return findings + error.findings
     note = None if sheet.contents is None else note_on_normal(sheet.contents.text, sheet.file)
@@ -119,15 +119,15 @@ def mcpc(as_json: bool, **arm: Any) -> None:
     from precision_pin.robot.chain import Chain, chain_findings
     from precision_pin.robot.mcpc import from_chain, mcpc_table
 
-    found = find_inputs(arm["inputs"], sheet_needed=False)
-    if found.sheet is not None:
-        sheet = read_inputs(found, arm)
+    inputs = find_inputs(arm["inputs"], sheet_needed=False)
+    if inputs.sheet is not None:
+        sheet = read_inputs(inputs, arm)
         chain, warnings = sheet.chain, sheet.findings
     else:
-        assert found.robot is not None
+        assert inputs.robot is not None
         if arm["changes"]:
             raise InputError.of("E_USAGE", "--set changes a sheet, and none is given")
-        robot = urdf.read(found.robot, package_dirs=arm["package_dirs"])
+        robot = urdf.read(inputs.robot, package_dirs=arm["package_dirs"])
         chain = Chain.from_robot(robot, arm["tip"], arm["base"])
         warnings = chain_findings(chain)
     echo_warnings(warnings, chain.robot.file)

@@ -59,8 +59,8 @@ def complete(parameter: click.Parameter, context: click.Context, typed: str) -> 
     elif ".urdf" in suffixes and typed.startswith(PREFIX):
         items = [CompletionItem(PREFIX + name) for name in own_urdfs() | example_urdfs()]
     elif suffixes or isinstance(parameter.type, click.Path):
-        own = getattr(context.command, "data_suffixes", ()) if isinstance(parameter, click.Argument) else ()
-        items = _files(typed, (*suffixes, *own, *(SHEET_SUFFIXES if ".yaml" in suffixes else ())))
+        data_suffixes = getattr(context.command, "data_suffixes", ()) if isinstance(parameter, click.Argument) else ()
+        items = _files(typed, (*suffixes, *data_suffixes, *(SHEET_SUFFIXES if ".yaml" in suffixes else ())))
         items += [CompletionItem(PREFIX, "part")] if ".urdf" in suffixes and PREFIX.startswith(typed) else []
     else:
         return None
@@ -106,7 +106,7 @@ def _read_yaml(text: str) -> Any:
 
 def _read(context: click.Context) -> tuple[dict[str, Any], Path | None]:
     """Return the keys and values of the sheet before the cursor, and the robot."""
-    argument = next(one.name for one in context.command.params if isinstance(one, click.Argument))
+    argument = next(parameter.name for parameter in context.command.params if isinstance(parameter, click.Argument))
     given = context.params.get(argument) or ()
     # click leaves in `args` what is in front of an option without its value
     texts = [*map(os.path.expanduser, [given] if isinstance(given, str) else given), *context.args]
@@ -186,7 +186,7 @@ def _paths(context: click.Context, typed: str) -> Iterator[str]:
 
 
 def _below(path: str, node: Any) -> Iterator[str]:
-    entries = [(f"[{k}]", one) for k, one in enumerate(node)] if type(node) is list else []
+    entries = [(f"[{k}]", item) for k, item in enumerate(node)] if type(node) is list else []
     for step, value in entries or [(f".{key}", value) for key, value in _pairs(node)]:
         yield f"{path}{step}="
         yield from _below(path + step, value)
@@ -201,7 +201,7 @@ _NAMES: Final[dict[str, Callable[[click.Context, str], Iterable[str]]]] = {
     "PATH=VALUE": _paths,
     "KIND": lambda context, _: (kind for kind, _ in _sources(_read(context)[0])),
     "QUANTITY": lambda *_: QUANTITIES,
-    "CODE": lambda *_: (name for group in list_codes().values() for one in group.codes for name in one.names),
+    "CODE": lambda *_: (name for group in list_codes().values() for meaning in group.codes for name in meaning.names),
 }
 """What completes a placeholder, given the text that is typed."""
 

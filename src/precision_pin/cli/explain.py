@@ -42,7 +42,7 @@ def list_codes() -> dict[str, CodeGroup]:
     return {
         name: CodeGroup(
             group["title"],
-            tuple(CodeMeaning(tuple(one["names"]), one["means"], one["remedy"]) for one in group["codes"]),
+            tuple(CodeMeaning(tuple(entry["names"]), entry["means"], entry["remedy"]) for entry in group["codes"]),
         )
         for name, group in tomllib.loads(text).items()
     }
@@ -53,7 +53,7 @@ def list_codes() -> dict[str, CodeGroup]:
 def command(codes: tuple[str, ...]) -> None:
     """Say what a code of an error or a warning means, and what to do about it; without a code, list them all."""
     groups = list_codes()
-    known = {name: (group.title, one) for group in groups.values() for one in group.codes for name in one.names}
+    known = {name: (group.title, entry) for group in groups.values() for entry in group.codes for name in entry.names}
     if not codes:
         echo_data("\n\n".join(_listed(group) for group in groups.values()))
         return
@@ -66,17 +66,17 @@ def command(codes: tuple[str, ...]) -> None:
 
 def _listed(group: CodeGroup) -> str:
     lines = [group.title]
-    for one in group.codes:
-        lines.append(f"  {', '.join(one.names)}")
-        lines += _wrapped("      ", "      ", one.means)
+    for meaning in group.codes:
+        lines.append(f"  {', '.join(meaning.names)}")
+        lines += _wrapped("      ", "      ", meaning.means)
     return "\n".join(lines)
 
 
-def _explained(code: str, title: str, one: CodeMeaning) -> str:
-    also = [name for name in one.names if name != code]
+def _explained(code: str, title: str, meaning: CodeMeaning) -> str:
+    also = [name for name in meaning.names if name != code]
     named = f"{code}, with {', '.join(also)}" if also else code
-    lines = [f"{named} ({title[0].lower()}{title[1:]})", *_wrapped("  means  ", " " * 9, one.means)]
-    return "\n".join([*lines, *(_wrapped("  to do  ", " " * 9, one.remedy) if one.remedy else [])])
+    lines = [f"{named} ({title[0].lower()}{title[1:]})", *_wrapped("  means  ", " " * 9, meaning.means)]
+    return "\n".join([*lines, *(_wrapped("  to do  ", " " * 9, meaning.remedy) if meaning.remedy else [])])
 
 
 def _wrapped(first: str, others: str, markdown: str) -> list[str]:
@@ -110,8 +110,8 @@ def doctor() -> None:
         "paper's case": f"{PAPER_SHEET} ({'found' if PAPER_SHEET.is_file() else 'MISSING'})",
         "example robots": f"{len(example_urdfs())} (example-robot-data)" if example_urdfs() else "not installed",
     }
-    for kind, found in (("analysis", registry), ("source", sources), ("law", laws)):
-        for extension in found.extensions():
+    for kind, module in (("analysis", registry), ("source", sources), ("law", laws)):
+        for extension in module.extensions():
             said = f"LEFT OUT: {extension.error}" if extension.error else f"{extension.place}, of {extension.package}"
             lines[f"{kind} {extension.name}"] = said
     width = max(map(len, lines))

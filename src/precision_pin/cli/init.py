@@ -114,10 +114,10 @@ def _expanded(robot: str, arguments: tuple[str, ...], package_dirs: tuple[str, .
         if given:
             raise InputError.of("E_USAGE", f"{robot} is not written in xacro and takes no arguments")
         return robot
-    file, own, packages = source
+    file, defaults, packages = source
     named = robot.rpartition(":")[2] if robot.startswith(DESCRIPTIONS) else file.name
     target = _new_urdf(named.removesuffix(".xacro").removesuffix(".urdf") + ".urdf", force=force)
-    write_text(target, expand(file, own | given, packages, package_dirs))
+    write_text(target, expand(file, defaults | given, packages, package_dirs))
     echo_note(f"wrote {target}, expanded from {file.name}")
     return str(target)
 

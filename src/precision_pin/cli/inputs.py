@@ -88,7 +88,7 @@ def read_sheet(options: Options, outputs: Outputs | None = None) -> Sheet:
     from precision_pin import sources
     from precision_pin.draws import laws
 
-    echo_warnings([one.finding for one in (*sources.extensions(), *laws.extensions()) if one.error])
+    echo_warnings([extension.finding for extension in (*sources.extensions(), *laws.extensions()) if extension.error])
     with noted_inputs() as inputs:
         sheet = read_inputs(find_inputs(options["inputs"], sheet_needed=True), options)
     if outputs is not None:
@@ -121,24 +121,24 @@ def read_inputs(found: Inputs, options: Options) -> Sheet:
         overrides = Overrides(found.robot, tip, base, folders, target, ignores, wraps)
         return read(found.sheet, overrides=overrides, changes=changes)
     except InputError as error:
-        own = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None
-        if own is None:
+        sheet_robot = _other_robot(found) if any(finding.code == "E_NAME" for finding in error.findings) else None
+        if sheet_robot is None:
             raise
-        message = f"this is a sheet of {own}, not of {found.robot}, which has not all of its joints and links"
+        message = f"this is a sheet of {sheet_robot}, not of {found.robot}, which has not all of its joints and links"
         raise InputError([Finding("error", "E_OTHER_ROBOT", message, str(found.sheet)), *error.findings]) from None
 
 
-def _other_robot(found: Inputs) -> str | None:
+def _other_robot(inputs: Inputs) -> str | None:
     """Return the robot that a sheet names; None if it is the command line's or unknown."""
     from precision_pin.sheet.text import read_text
 
-    if found.sheet is None or found.robot is None:
+    if inputs.sheet is None or inputs.robot is None:
         return None
     try:
-        data = read_text(found.sheet.read_text(encoding="utf-8-sig"), str(found.sheet)).data
+        data = read_text(inputs.sheet.read_text(encoding="utf-8-sig"), str(inputs.sheet)).data
         named = str(data["robot"]) if isinstance(data, dict) else ""
-        own = resolve_robot(named, found.sheet.parent)
-        same = own.samefile(found.robot) if own.exists() else own.name == found.robot.name
+        path = resolve_robot(named, inputs.sheet.parent)
+        same = path.samefile(inputs.robot) if path.exists() else path.name == inputs.robot.name
     except (InputError, KeyError, OSError, ValueError):
         return None
     return None if same else repr(named)
@@ -162,10 +162,10 @@ def chosen_pose(sheet: Sheet, pose: str | None, q: str | None) -> str | NDArray[
         return pose
     try:
         values = _joint_values(q)
-        found = parse_pose(values, sheet.chain)
+        joint_values = parse_pose(values, sheet.chain)
         remark = pose_remark(values, sheet.chain)
         echo_findings([] if remark is None else [Finding("warning", "W_ANGLE_UNIT", f"--q: {remark}")])
-        return found
+        return joint_values
     except InputError as error:
         raise InputError([Finding("error", "E_POSE", f"--q: {wrong.message}") for wrong in error.findings]) from None
 
@@ -235,8 +235,8 @@ class Outputs:
                 there = sorted(filter(self._is_ours, os.listdir(self.folder)))
                 outputs += [os.path.join(self.folder, name) for name in there]
         for output in outputs:
-            for one in inputs:
-                if _is_same(output, one):
+            for file in inputs:
+                if _is_same(output, file):
                     raise OutputError(f"cannot write {output}: it is an input of this command; give another name")
 
     def _named(self) -> list[tuple[str, str]]:
@@ -318,7 +318,7 @@ def check_folder_name(out: str | None, *, json: bool) -> None:
         raise OutputError(f"cannot write to the folder {out}: --out takes a folder, and this names a file; {meant}")
 
 
-def _is_same(one: str, other: str) -> bool:
+def _is_same(file: str, other: str) -> bool:
     with suppress(OSError, ValueError):
-        return os.path.samefile(one, other)
+        return os.path.samefile(file, other)
     return False

@@ -63,10 +63,10 @@ def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
 
     listed, kind = sheet.measurements or (Measurement(),), options["kind"]
     if len(listed) > 1 and kind is not None:
-        listed = tuple(one for one in listed if one.kind == kind)
+        listed = tuple(measurement for measurement in listed if measurement.kind == kind)
         if not listed:
             raise _usage(f"--kind {kind}: the sheet lists several measurements, none of this kind")
-    return tuple(_changed(one, options) for one in listed)
+    return tuple(_changed(measurement, options) for measurement in listed)
 
 
 def _changed(stated: Measurement, options: Options) -> Measurement:

@@ -67,7 +67,7 @@ class Command(click.Command):
             if record is not None:
                 heading = getattr(option, "heading", OUTPUT if option is help_option else OWN)
                 groups.setdefault(heading, []).append(record)
-        for heading in sorted(filter(groups.get, groups), key=lambda one: _LAST.index(one) if one in _LAST else -1):
+        for heading in sorted(filter(groups.get, groups), key=lambda name: _LAST.index(name) if name in _LAST else -1):
             with formatter.section(heading):
                 formatter.write_dl(groups[heading])
 
@@ -311,8 +311,8 @@ def working(options: Options) -> Iterator[dict[str, Any]]:
         executor, under_way = cluster or (None, None)
         try:
             with unwinding():
-                own = {name: options[name] for name in ("threads", "processes", "journal", "resume")}
-                yield {**own, "executor": executor, "tasks_under_way": under_way, "tell": echo_note}
+                settings = {name: options[name] for name in ("threads", "processes", "journal", "resume")}
+                yield {**settings, "executor": executor, "tasks_under_way": under_way, "tell": echo_note}
                 raise_if_interrupted()
         except KeyboardInterrupt as interrupt:
             for note in getattr(interrupt, "__notes__", ()):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def _declared(layers: bool) -> list[tuple[Declaration, PagePart]]:
     """Return the parts in the order of the chapters, or those with a layer."""
-    parts = [(one, one.part) for one in declarations().values() if one.part is not None]
+    parts = [(declaration, declaration.part) for declaration in declarations().values() if declaration.part is not None]
     return sorted((pair for pair in parts if pair[1].layer or not layers), key=lambda pair: pair[1].place)
 
 
@@ -104,11 +104,17 @@ def read_parts(
         if part.option.kind is not Path or options.get("columns") is None:
             return sheet
         columns = columns_of(sheet, options, file)
-        return replace(sheet, measurements=tuple(replace(one, columns=columns) for one in sheet.measurements))
+        return replace(
+            sheet, measurements=tuple(replace(measurement, columns=columns) for measurement in sheet.measurements)
+        )
 
     return [
-        Part(one, part, _job(one, named(part, value), read[part.poses](value), {**settings, **part.settings(value)}))
-        for one, part, value in asked
+        Part(
+            declaration,
+            part,
+            _job(declaration, named(part, value), read[part.poses](value), {**settings, **part.settings(value)}),
+        )
+        for declaration, part, value in asked
     ]
 
 
@@ -119,7 +125,7 @@ def _job(declaration: Declaration, sheet: Sheet, poses: Any, given: shared.Optio
         value = option.initial
         values[option.argument] = value if option.read is None or value is None else option.read(value)
         if option.flag == "--spec":
-            values[option.argument] = tuple(one.text for one in fitting_specs(sheet, option.check) if not one.poses)
+            values[option.argument] = tuple(spec.text for spec in fitting_specs(sheet, option.check) if not spec.poses)
     quiet = {"": replace(sheet, findings=())}
     asked = Asked(quiet, {**values, **given}, (), lambda: poses, lambda: poses, lambda: sheet.measurements)
     return declaration.prepare(asked)

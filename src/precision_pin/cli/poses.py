@@ -93,9 +93,9 @@ def _approaches(sheet: Sheet, values: NDArray[np.float64], approach: str) -> NDA
             raise InputError.of("E_POSE", message)
         # an unreached pose of a grid is not on the path
         known = np.isfinite(values[0])
-        found = np.zeros(values.shape, dtype=np.int8)
-        found[:, known] = approaches_along(values[:, known])
-        return found
+        approaches = np.zeros(values.shape, dtype=np.int8)
+        approaches[:, known] = approaches_along(values[:, known])
+        return approaches
     try:
         directions = read_approach(sheet.chain.joint_names, approach)
     except InputError as error:
@@ -162,11 +162,11 @@ def _read_pose_set(sheet: Sheet, options: Options, most: int) -> PoseSet:
     asked = _read_poses(sheet, options, most)
     values = np.column_stack([pose_values(sheet, pose) for pose in asked])
     poses = PoseSet.at(sheet.chain, values, tuple(pose.name for pose in asked))
-    own = [sheet.approaches.get(pose.name, ()) for pose in asked]
-    if not any(own):
+    approaches = [sheet.approaches.get(pose.name, ()) for pose in asked]
+    if not any(approaches):
         return poses
     none = (0,) * len(sheet.chain.joints)
-    return replace(poses, approaches=np.array([one or none for one in own], dtype=np.int8).T)
+    return replace(poses, approaches=np.array([approach or none for approach in approaches], dtype=np.int8).T)
 
 
 def read_way(sheet: Sheet, file: str, options: Options, most: int = MOST_ROWS) -> Trajectory:
@@ -201,7 +201,9 @@ def columns_of(sheet: Sheet, options: Options, file: str) -> str:
     from precision_pin.base.csv_columns import columns_for
 
     tables = options.get("tables", ())
-    return columns_for(file, options.get("columns"), tables, (one.columns for one in sheet.measurements))
+    return columns_for(
+        file, options.get("columns"), tables, (measurement.columns for measurement in sheet.measurements)
+    )
 
 
 def reference_pose(sheet: Sheet, text: str | None) -> str | NDArray[np.float64] | None:
@@ -238,8 +240,8 @@ def _known_poses(poses: PoseSet, file: str) -> AskedPoses:
     if not known.any():
         message = f"no joint values lead to any of the {len(poses):,} poses: {poses.counts}"
         raise InputError.of("E_GRID", message, file)
-    kept = poses.of(known)
-    asked = [AskedPose(values, name) for values, name in zip(kept.q.T, kept.names, strict=True)]
+    known_poses = poses.of(known)
+    asked = [AskedPose(values, name) for values, name in zip(known_poses.q.T, known_poses.names, strict=True)]
     if known.all():
         return AskedPoses(asked)
     warning = Finding("warning", "W_UNREACHED", poses.unreached, file)

@@ -40,7 +40,7 @@ class LateGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> object:
         """Run the command, after a warning about analyses of others that cannot be used; Ctrl-C ends it."""
-        echo_warnings([one.finding for one in extensions() if one.error])
+        echo_warnings([extension.finding for extension in extensions() if extension.error])
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
@@ -175,7 +175,7 @@ def list_groups() -> dict[str, dict[str, str]]:
     """Return the lines of :func:`list_commands` by the heading under which the program lists them."""
     groups: dict[str, dict[str, str]] = {heading: {} for heading in (UNDERSTAND, DECIDE, MEASURE, SHOW, HELP)}
     main, *others = [(heading, {name: line}) for name, (_, heading, line) in COMMANDS.items()]
-    of_analyses = [(one.group, {name: one.summary}) for name, one in declarations().items()]
+    of_analyses = [(declaration.group, {name: declaration.summary}) for name, declaration in declarations().items()]
     for heading, line in (main, *of_analyses, *others):
         groups.setdefault(heading, {}).update(line)
     return groups

@@ -93,7 +93,7 @@ def command(samples: int, full: bool, **arm: Any) -> int:
     model = ErrorModel.from_sheet(sheet)
     compile_sampler(model.space)
     compile_sampler(model.space, arm["model"])
-    found = collect_poses(
+    outcomes = collect_poses(
         sheet,
         poses,
         samples=samples,
@@ -110,11 +110,11 @@ def command(samples: int, full: bool, **arm: Any) -> int:
     missed = [where for part in parts for where in part.missed(results[part.name])]
     headline = [line for part in parts for line in part.headline(results[part.name])]
     with step("drawing the page", 0):
-        html = page(found, chapters, layers, missed=missed, headline=headline, full=full)
+        html = page(outcomes, chapters, layers, missed=missed, headline=headline, full=full)
     target.write(html)
-    echo_warning_lines(line for one in found for line in one.analysis.warnings[len(sheet.findings) :])
+    echo_warning_lines(line for outcome in outcomes for line in outcome.analysis.warnings[len(sheet.findings) :])
     echo_note(f"wrote {target.path} ({len(html.encode()) / 1e6:.1f} MB)")
-    met = [result.met for one in found for result in one.analysis.summary.specifications]
+    met = [result.met for outcome in outcomes for result in outcome.analysis.summary.specifications]
     return 0 if all(met) and not missed else EXIT_SPEC
 
 

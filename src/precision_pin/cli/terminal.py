@@ -78,8 +78,8 @@ def _pieces(lines: Sequence[str], columns: int | None) -> list[_Piece]:
         rows = list(group)
         if is_table and columns is not None:
             rows = folded(rows, columns)
-        shown = [[row] if len(_GAP.findall(row)) > 1 else wrapped(row, sys.stdout, WIDTH).split("\n") for row in rows]
-        pieces += [_Piece([*chain(*shown)], True)] if is_table else [_Piece(one, False) for one in shown]
+        parts = [[row] if len(_GAP.findall(row)) > 1 else wrapped(row, sys.stdout, WIDTH).split("\n") for row in rows]
+        pieces += [_Piece([*chain(*parts)], True)] if is_table else [_Piece(part, False) for part in parts]
     return pieces
 
 
@@ -99,10 +99,10 @@ def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: b
         answer = _verdict_rows(text) or ([] if last[-1].is_table else last[-1].rows)
         end = next((k for k, piece in enumerate(last) if piece.is_table), -1) + 1
     left = room - _height(foot) - len(answer) - 1
-    kept: list[list[_Piece]] = []
+    head: list[list[_Piece]] = []
     is_cut = False
     for rank, block in enumerate([*brief, last[:end]]):
-        here = left - (1 if kept else 0)
+        here = left - (1 if head else 0)
         taken: list[_Piece] = []
         for piece in block:
             is_long = rank and not piece.is_table and len(piece.rows) > 2
@@ -112,12 +112,12 @@ def _screen(text: str, blocks: list[list[_Piece]], below: int, *, is_answered: b
                 here -= len(rows)
         # a sentence refers to what is before or after it
         if taken and (not is_cut or any(piece.is_table for piece in taken)):
-            kept.append(taken)
+            head.append(taken)
             left = here
         is_cut = is_cut or _height(taken) < _height(block)
-    shown = _height(chain(*kept, foot))
-    more = f"--all prints {whole - len(blocks) + 1 - shown:,} more rows"
-    return [*_joined(kept), *_joined([foot]), more, *answer]
+    height = _height(chain(*head, foot))
+    more = f"--all prints {whole - len(blocks) + 1 - height:,} more rows"
+    return [*_joined(head), *_joined([foot]), more, *answer]
 
 
 def _height(pieces: Iterable[_Piece]) -> int:

@@ -81,7 +81,7 @@ def command(
     target = None if out is None else PageOutput(out, "view.html")
     if target is not None:
         target.check(files)
-    kept: list[bool] = []
+    verdicts: list[bool] = []
 
     def read() -> Sheet:
         return read_sheet(arm, None if target is None else target.outputs)
@@ -94,10 +94,10 @@ def command(
         poses = read_poses(sheet, arm, MOST_POSES)
         if len(poses) > MOST_POSES:
             raise InputError(f"{len(poses)} poses; a page shows at most {MOST_POSES}")
-        shown, remarks = _sampled(poses, poses.noted_in(sheet), samples, specifications, arm)
-        kept.append(limits_kept(shown, specifications))
+        views, remarks = _sampled(poses, poses.noted_in(sheet), samples, specifications, arm)
+        verdicts.append(limits_kept(views, specifications))
         return page(
-            shown,
+            views,
             seed=arm["seed"],
             model_name=arm["model"],
             factor=factor,
@@ -127,7 +127,7 @@ def command(
     text = page_of(sheet)
     target.write(text)
     echo_note(f"wrote {target.path} ({len(text.encode()) / 1e6:.1f} MB)")
-    return 0 if all(kept) else EXIT_SPEC
+    return 0 if all(verdicts) else EXIT_SPEC
 
 
 def _sampled(

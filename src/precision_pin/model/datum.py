@@ -73,19 +73,19 @@ def procedure_of(datum: Datum, space: Space) -> tuple[Procedure, tuple[Correlati
 
     A draw of pose or visit scope is drawn anew for each visit, once per robot.
     """
-    own = [draw for draw in space.draws if draw.scope is not Scope.UNIT]
+    visit_draws = [draw for draw in space.draws if draw.scope is not Scope.UNIT]
     draws: list[Draw] = []
     groups: list[Correlation] = []
     for visit in range(len(datum.visits)):
-        names = _names_at(datum, visit, own)
-        for draw in own:
+        names = _names_at(datum, visit, visit_draws)
+        for draw in visit_draws:
             components = tuple(names[name] for name in draw.components)
             copy = replace(draw, name=_name_at(datum, visit, draw.name), scope=Scope.UNIT, names=components)
             draws.append(copy)
         groups += [
             replace(group, names=tuple(_name_at(datum, visit, name) for name in group.names))
             for group in space.correlations
-            if any(draw.name in group.names for draw in own)
+            if any(draw.name in group.names for draw in visit_draws)
         ]
     for number, (_, std) in enumerate(datum.noise):
         for axis, value in enumerate(std.tolist()):
@@ -135,8 +135,8 @@ class DatumEffect(Record):
         assert at.datum is not None
         labels, noise = tuple(f"{datum.label}." for datum in at.datum.procedures.datums), at.datum.noise
         is_robot = np.array([not name.startswith(labels) for name in at.space.components])
-        found = sum((gain @ visit.jacobian for gain, visit in at.datum.counted), np.zeros_like(noise))
-        task, procedure, visits = at.arm.jacobian, np.where(is_robot, found, 0.0), np.where(is_robot, 0.0, found)
+        slopes = sum((gain @ visit.jacobian for gain, visit in at.datum.counted), np.zeros_like(noise))
+        task, procedure, visits = at.arm.jacobian, np.where(is_robot, slopes, 0.0), np.where(is_robot, 0.0, slopes)
 
         def variance(left: Array, right: Array) -> Array:
             return np.diag(at.space.block_covariance.between(left, right)).reshape(2, 3).sum(axis=1)
@@ -313,14 +313,14 @@ class Procedures:
         for number, datum in reversed(list(enumerate(self.datums[:count]))):
             if datum.moves_tool and not is_tip:
                 continue
-            own, own_noise = self._maps[number](place, datum.view_of(q))
+            datum_gains, datum_noise = self._maps[number](place, datum.view_of(q))
             # a camera sees where the hand is, not whether it could be turned as commanded
             if self._keeps_attitude and datum.is_commanded and count == len(self.datums):
-                own[:, 3:], own_noise[:, 3:] = 0.0, 0.0
+                datum_gains[:, 3:], datum_noise[:, 3:] = 0.0, 0.0
             first, first_noise = self._first[number], self._first_noise[number]
-            gains[first : first + len(own)] += own
-            noise[first_noise : first_noise + len(own_noise)] += own_noise
-            for k, gain in enumerate(own if number else ()):
+            gains[first : first + len(datum_gains)] += datum_gains
+            noise[first_noise : first_noise + len(datum_noise)] += datum_noise
+            for k, gain in enumerate(datum_gains if number else ()):
                 before, before_noise = self._before(number, first + k)
                 gains += gain @ before
                 noise += gain @ before_noise
@@ -368,8 +368,8 @@ class Procedures:
             link, frame = where.link, where.frame
             last = (link, ORDER_FRAME, where.path_rank)
             terms = tuple(term for term in terms if _moves(term.target, last))
-        own = [draw for draw in self.arm.space.draws if draw.scope is not Scope.UNIT]
-        names = _names_at(datum, number, own)
+        visit_draws = [draw for draw in self.arm.space.draws if draw.scope is not Scope.UNIT]
+        names = _names_at(datum, number, visit_draws)
         if names:
             terms = tuple(replace(term, factors=tuple(renamed(f, names) for f in term.factors)) for term in terms)
         place = se3.compose(posture.link_poses[link], frame)
@@ -463,14 +463,14 @@ class _Robots:
         q = np.repeat(entry.q[:, None], self._count, axis=1)
         return self._search(visit, q, partial(self.read, visit), entry.place[:, :, None]) if self._is_new else q
 
-    def take(self, found: Found) -> None:
+    def take(self, correction: Found) -> None:
         """Let the robots use what a procedure has found."""
-        if found.change is not None:
-            self._change = se3.compose(self._change, found.change)
-        if found.tool is not None:
-            self._tool = self._tool + found.tool
-        if found.seen is not None:
-            self._seen = se3.compose(found.seen, self._seen)
+        if correction.change is not None:
+            self._change = se3.compose(self._change, correction.change)
+        if correction.tool is not None:
+            self._tool = self._tool + correction.tool
+        if correction.seen is not None:
+            self._seen = se3.compose(correction.seen, self._seen)
         self._is_new = True
 
     def error(self) -> Array:

@@ -208,10 +208,10 @@ def read_visits(folder: FilePath, name: str, chain: Chain, poses: Mapping[str, A
     count = grid.count or len(grid.solve(None))  # a grid over joint values is not counted, nor solved
     if count > MOST_VISITS:
         raise InputError(f"{name} has {count:,} poses; at most {MOST_VISITS:,} find a datum")
-    found = grid.solve(None)
-    if not found.known.all():
-        raise InputError(f"{name}: {found.counts}; a datum needs each of its poses, leave the others out")
-    return list(found.q.T)
+    pose_set = grid.solve(None)
+    if not pose_set.known.all():
+        raise InputError(f"{name}: {pose_set.counts}; a datum needs each of its poses, leave the others out")
+    return list(pose_set.q.T)
 
 
 def _over_joints(entry: GridEntry, chain: Chain) -> PoseGrid:

@@ -246,7 +246,7 @@ def _read(contents: Contents, unchanged: Sheet | None = None, chain: Chain | Non
     }
     origins |= origins_by_path(document.provenance, [draw.name for draw in draws], names, findings)
     specs = tuple(
-        one if isinstance(one, SpecEntry) else SpecEntry.model_validate({"limit": one}) for one in document.specs
+        item if isinstance(item, SpecEntry) else SpecEntry.model_validate({"limit": item}) for item in document.specs
     )
     for k, spec in enumerate(specs):
         for name in spec.poses:
