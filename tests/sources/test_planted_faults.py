@@ -106,7 +106,7 @@ LAWS = (
     Fault("thermal", "shift of a moment at the end", "(vector @ vector) / 2", "(vector @ vector) / 3"),
     Fault("thermal", "turned twice", "place.frame[:3, :3].T\n", "place.frame[:3, :3]\n"),
     Fault("transmission", "twice the compliance", "1.0 / space.positive(", "2.0 / space.positive("),
-    Fault("transmission", "full width as half", "-0.5, direction, width", "-1.0, direction, width"),
+    Fault("transmission", "full width as half", "-0.5, approach_of", "-1.0, approach_of"),
     Fault("transmission", "limit of the signed torque", "-limit, side, beyond", "-limit, beyond"),
     Fault("transmission", "secant for pieces", "change = after - before", "change = 0.0 * after"),
     Fault("transmission", "one turn for a period", "2 * math.pi * value / self.period if", "value if"),

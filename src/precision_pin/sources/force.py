@@ -94,7 +94,8 @@ class Force(Source):
             raise InputError("magnitude: of force needs direction: any; for a known direction give force:")
         if self.direction is not None:
             check_choice("direction of force", self.direction, ("any",))
-        if (self.magnitude is not None) is bool(self.force) and not (self.moment and not self.force):
+        has_size = self.magnitude is not None
+        if (has_size and self.force) or not (has_size or self.force or self.moment):
             raise InputError("force needs one of force: and magnitude:, or moment:")
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:

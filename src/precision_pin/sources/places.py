@@ -30,6 +30,7 @@ from precision_pin.terms import (
     Scope,
     Source,
     Term,
+    Value,
     units,
 )
 
@@ -77,6 +78,12 @@ def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
 def approach_draw(joint: str) -> Draw:
     """Return the draw, shared by the sources of a joint, of how it arrived at a visit: -1 to 1, its direction if known."""
     return Draw(f"approach[{joint}]", Uniform(1.0), Scope.VISIT, (units.RATIO,))
+
+
+def approach_of(posture: Posture, joint: str, space: LabelledSpace) -> Value:
+    """Return the direction in which a joint moved last, 1 or -1, or the parameter of :func:`approach_draw` if it is unknown."""
+    direction = posture.direction_of(posture.chain.joint_index(joint))
+    return float(direction) if direction else space.space.parameter(approach_draw(joint).name)
 
 
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
 from precision_pin.base.arguments import check_choice
-from precision_pin.draws.expressions import Value
-from precision_pin.sources.places import approach_draw
+from precision_pin.sources.places import approach_draw, approach_of
 from precision_pin.terms import Draw, JointValue, LabelledSpace, Posture, Setting, Source, Term, at_means, units
 from precision_pin.terms.term import side_of
 
@@ -104,7 +103,7 @@ class Servo(Source):
             yield Term.of(target, -self._known_torque(posture, joint, space), share, flexibility)
         if not self.has_friction:
             return
-        direction: Value = posture.direction_of(joint) or space.space.parameter(approach_draw(self.joint).name)
+        direction = approach_of(posture, self.joint, space)
         yield Term.of(target, -1.0, direction, space.positive("friction", self.friction, zero=True), flexibility)
         coefficient = space.positive("load_friction", self.load_friction, zero=True)
         if coefficient != 0.0:

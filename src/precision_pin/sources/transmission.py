@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Final
 from precision_pin.draws.expressions import Value, sign
 from precision_pin.draws.space import LabelledSpace, entry_name
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
-from precision_pin.sources.places import approach_draw
+from precision_pin.sources.places import approach_draw, approach_of
 from precision_pin.terms import (
     Chain,
     Dependence,
@@ -176,9 +176,8 @@ class Transmission(Source):
         if self.stiffness is not None:
             yield from self._wind_up(posture, joint, space)
         if self.hysteresis_loss is not None:
-            direction: Value = posture.direction_of(joint) or space.space.parameter(approach_draw(self.joint).name)
             width = space.positive("hysteresis_loss", self.hysteresis_loss, zero=True)
-            yield Term.of(JointValue(joint), -0.5, direction, width)
+            yield Term.of(JointValue(joint), -0.5, approach_of(posture, self.joint, space), width)
 
     def _flexibilities(self, space: LabelledSpace) -> tuple[tuple[float, ...], list[Value]]:
         """Return the torques between the pieces, and the flexibility of each."""
@@ -188,10 +187,10 @@ class Transmission(Source):
             limits = (_LOST * self.rated_torque,)
             values.insert(0, space.positive("lost_motion", self.lost_motion) * (0.5 / limits[0]))
         if self.stiffness_factor is not None:
-            factor = 1.0 + space.value("stiffness_factor", self.stiffness_factor)
-            if space.interval(space.value("stiffness_factor", self.stiffness_factor))[0] <= -1.0:
+            deviation = space.value("stiffness_factor", self.stiffness_factor)
+            if space.interval(deviation)[0] <= -1.0:
                 raise InputError(f"stiffness_factor of {space.label} can reach -100 %, no stiffness at all")
-            values = [value / factor for value in values]
+            values = [value / (1.0 + deviation) for value in values]
         return limits, values
 
     def _wind_up(self, posture: Posture, joint: int, space: LabelledSpace) -> Iterator[Term]:
