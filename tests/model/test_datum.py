@@ -5,6 +5,7 @@ import pytest
 
 from model.datum_cases import PROCEDURES, TASK, arm, at_task, datum, draws_of, symmetric
 from precision_pin import Draw, ErrorModel, InputError, Normal, Scope, Space
+from precision_pin.analyses.compensation.compensate import compensate
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.space import Estimates
 from precision_pin.kernel import sampler
@@ -248,3 +249,48 @@ def test_what_relative_leaves_and_taught_does_not() -> None:
     # a base that is turned: nothing of it is left where the way turns with the frame taught
     base = ErrorModel(chain, Space(), [JointOffset(joint=chain.joints[0].name, offset=Normal(1e-3))])
     assert np.abs(base.against(Datum.taught(place)).at(task).jacobian).max() < 1e-12
+
+
+def test_a_compensated_arm_is_one_that_goes_to_corrected_joint_values() -> None:
+    model = ErrorModel.load("example:ur5")
+    compensated = model.against("compensated")
+    x = model.space.sample(5, 0, 2000)
+    for pose in ("ready", "stretched"):
+        corrected = compensate(model, [pose], mode="pose").corrected[:, 0]
+        driven, nominal = model.at(corrected), model.at(pose).posture.pose
+        misses = driven.posture.pose[:3, 3, None] + driven.exact(x)[:3] - nominal[:3, 3, None]
+        errors = compensated.at(pose).exact(x)[:3]
+        # the correction moves the joints by a few mrad, and errors turn with them
+        assert np.linalg.norm(misses - errors, axis=0).max() < 0.02 * np.linalg.norm(errors, axis=0).max()
+        levels = [np.quantile(np.linalg.norm(d, axis=0), [0.5, 0.95]) for d in (misses, errors)]
+        np.testing.assert_allclose(*levels, rtol=2e-3)
+
+
+def test_compensation_after_a_procedure_subtracts_its_error_at_the_means() -> None:
+    model = ErrorModel.load("example:ur5")
+    taught = model.against(Datum.taught("folded", "0.05 mm"))
+    both = model.against(Datum.taught("folded", "0.05 mm"), Datum.compensated())
+    x = both.space.sample(1, 0, 50)
+    mean = both.space.mean[:, None]
+    for q, pose in zip(both.at_many(["ready", "stretched"]), ("ready", "stretched"), strict=True):
+        at = taught.at(pose)
+        expected = at.exact(x) - at.exact(mean)
+        np.testing.assert_allclose(q.exact(x), expected, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(q.solved(x), at.solved(x) - at.exact(mean), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(
+            sampler.errors(sampler.to_arrays(q), "exact", 1, 0, 50), expected, rtol=0, atol=1e-12
+        )
+        arm = model.at(pose)
+        drawn = x[: model.space.size]
+        expected = arm.exact(drawn) - arm.exact(model.space.mean[:, None])
+        np.testing.assert_allclose(q.in_base_axes.exact(x), expected, rtol=0, atol=1e-15)
+
+
+def test_an_arm_of_few_joints_keeps_its_attitude_when_compensated() -> None:
+    at = ErrorModel.load(PAPER_SHEET).against("compensated").at("paper")
+    bare = ErrorModel.load(PAPER_SHEET).at("paper")
+    assert np.abs(at.error_at_means[:3]).max() < 1e-15
+    np.testing.assert_array_equal(at.error_at_means[3:], bare.error_at_means[3:])
+    assert np.linalg.norm(bare.error_at_means[:3]) > 8e-3
+    with pytest.raises(InputError, match="other than none and compensated"):
+        Datum.taught("paper", name="compensated")

@@ -66,6 +66,7 @@ def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
     depend on what samples it: threads, processes or a cluster, at one go or resumed.
     """
     from precision_pin.model.error_model import ErrorModel
+    from precision_pin.robot.datums import COMPENSATED
     from precision_pin.sampling import check_samples, monte_carlo
     from precision_pin.sampling.one_pose import relative
     from precision_pin.sampling.table import analysis_table
@@ -98,6 +99,9 @@ def command(samples: int | None, until: tuple[str, ...], **arm: Any) -> int:
     poses = read_poses(sheet, arm)
     sheet = poses.noted_in(sheet)
     error_model = ErrorModel.from_sheet(sheet)
+    if sheet.estimates is not None and COMPENSATED not in sheet.datum:
+        datums = ",".join((*sheet.datum, COMPENSATED))
+        echo_note(f"errors of a robot driven by its nominal model; driven by the calibrated one: --datum {datums}")
     if len(poses) > 1:
         for_one = {"--until": until, "--relative-to": relative_to}
         given = [option for option, value in for_one.items() if value]

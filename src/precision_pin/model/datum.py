@@ -20,8 +20,8 @@ from precision_pin.draws.laws import Normal
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import DatumPart, PoseModel
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.datums import Datum, Found, Maps
-from precision_pin.robot.places import ORDER_FRAME
+from precision_pin.robot.datums import Compensated, Datum, Found, Maps
+from precision_pin.robot.places import ORDER_FRAME, Place
 from precision_pin.terms import LabelledSpace, Posture, Setting, Source, Term, units
 from precision_pin.terms.table import TableLayout
 from precision_pin.terms.term import JointValue, Target
@@ -194,7 +194,7 @@ class DatumRecord(Record):
         name, kind: Names of the datums and of their procedures, in order.
         poses: Each visit, by name or joint values.
         linearity: Relative differences from robots solved one by one, :attr:`PoseModel.linearity`.
-        effect: Parts of the variance at the same pose.
+        effect: Parts of the variance at the same pose; None without poses.
         base_axes: ``samples``, the number of robots of the same sample that are counted in base axes; ``quantile_95`` of
             their |d| and |δ|, m and rad, with ``interval`` at 95 % confidence. None if not sampled or not resolved.
     """
@@ -216,8 +216,9 @@ class DatumRecord(Record):
         visits = (visit for datum in datums for visit in datum.visits)
         poses = tuple(visit if isinstance(visit, str) else tuple(np.ravel(visit).tolist()) for visit in visits)
         names, kinds = (", ".join(getattr(datum, key) for datum in datums) for key in ("name", "kind"))
-        known = (None, None) if at is None else (at.linearity, DatumEffect.of(at))
-        return cls(names, kinds, poses, *known)
+        if at is None:
+            return cls(names, kinds, poses, None)
+        return cls(names, kinds, poses, at.linearity, DatumEffect.of(at) if poses else None)
 
     @property
     def text(self) -> str:
@@ -227,6 +228,8 @@ class DatumRecord(Record):
     @property
     def procedure_text(self) -> str:
         """Names, kinds and number of poses, for a sentence about the effect."""
+        if not self.poses:
+            return f"against datum {self.name}"
         kind = "" if self.kind == self.name else f"{self.kind}, "
         return f"against datum {self.name} ({kind}{len(self.poses)} pose{'s'[: len(self.poses) - 1]})"
 
@@ -333,13 +336,42 @@ class Procedures:
             self._added_at[visit] = self._added(number, entry.place, entry.q, is_tip=entry.is_tip)
         return self._added_at[visit]
 
-    def part(self, posture: Posture) -> DatumPart:
-        """Return what the datums add to the error at a posture."""
-        gains, noise = self._added(len(self.datums), posture.pose, posture.q)
+    def part(self, at: PoseModel) -> DatumPart:
+        """Return what the datums add to the error of the arm at a pose."""
+        gains, noise = self._added(len(self.datums), at.posture.pose, at.posture.q)
         slopes = np.zeros((6, self.space.size))
         for number, axis, column in self._noise_columns:
             slopes[:, column] += noise[number, :, axis]
-        return DatumPart(tuple(visit.at for visit in self.visits), gains, slopes, self)
+        return self._less_known(at, DatumPart(tuple(visit.at for visit in self.visits), gains, slopes, self))
+
+    def in_base_axes(self, at: PoseModel) -> PoseModel:
+        """Return the model of the arm at a pose in base axes, compensated too if there is another datum."""
+        if self._compensated is None or len(self.datums) == 1:
+            return at.arm
+        nothing = DatumPart((), np.zeros((0, 6, 6)), np.zeros((6, self.space.size)), self)
+        return replace(at, datum=self._less_known(at.arm, nothing))
+
+    def _less_known(self, at: PoseModel, part: DatumPart) -> DatumPart:
+        """Return the part with the error at the means subtracted, if a controller knows it."""
+        if self._compensated is None:
+            return part
+        known = np.zeros((1, 6, 6))
+        known[0, :, 0] = -replace(at, datum=part).error_at_means
+        if not self._compensated.turns:
+            known[0, 3:] = 0.0
+        return replace(part, visits=(*part.visits, self._one_metre), gains=np.concatenate([part.gains, known]))
+
+    @property
+    def _compensated(self) -> Compensated | None:
+        return next((datum for datum in self.datums if isinstance(datum, Compensated)), None)
+
+    @cached_property
+    def _one_metre(self) -> PoseModel:
+        """A visit with the error 1 m along x: its gain at a pose is a constant that is added there."""
+        posture = self.arm.chain.at(np.zeros(len(self.arm.chain.joints)))
+        terms = (Term.of(Place.start(0, self.arm.chain.base), [1.0, 0, 0, 0, 0, 0]),)
+        table = TableLayout.of(terms, self.space).at(posture, terms)
+        return PoseModel(posture, self.space, table, terms)
 
     @cached_property
     def _noise_columns(self) -> tuple[tuple[int, int, int], ...]:
@@ -397,7 +429,9 @@ class Procedures:
             robots.first = first
             task = at.posture.pose
             robots.take(datum.find(robots, places, noise, task, datum.view_of(at.posture.q)))
-        return robots.error()
+        assert at.datum is not None
+        known = 0.0 if self._compensated is None else at.datum.gains[-1, :, :1]
+        return robots.error() + known
 
 
 def _moves(target: Target, last: tuple[int, int, int]) -> bool:

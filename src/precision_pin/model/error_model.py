@@ -37,7 +37,7 @@ from precision_pin.model.pose_model import AT_ONCE, PoseModel, joint_value, orig
 from precision_pin.render.html import Table, rendered
 from precision_pin.robot.chain import Chain, HasChain, Posture, chain_of, pose_findings
 from precision_pin.robot.configurations import Approach, ApproachedPose, read_approach, read_approaches
-from precision_pin.robot.datums import NO_DATUM, Datum, check_together
+from precision_pin.robot.datums import COMPENSATED, NO_DATUM, Datum, check_together
 from precision_pin.robot.examples import ELSEWHERE, ROBOT_SUFFIXES, require_sheet, resolve_robot
 from precision_pin.sheet import Overrides, Sheet, read_data
 from precision_pin.sheet import read as read_sheet
@@ -200,7 +200,7 @@ class ErrorModel:
             >>> print(np.abs(taught.at("paper").jacobian[:3]).max() < 1e-12)
             True
         """
-        known = {} if self.sheet is None else self.sheet.datums
+        known = {} if self.sheet is None else {**self.sheet.datums, COMPENSATED: Datum.compensated()}
         datums = () if datums == (NO_DATUM,) else datums
         named = [known[check_name("datum", datum, known)] if isinstance(datum, str) else datum for datum in datums]
         listed = check_items("the datums", named, Datum, "as Datum.taught returns it")  # type: ignore[type-abstract]
@@ -472,7 +472,7 @@ class ErrorModel:
         return self._in_datum(PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms))
 
     def _in_datum(self, at: PoseModel) -> PoseModel:
-        return replace(at, datum=self.procedures.part(at.posture)) if self.datums else at
+        return replace(at, datum=self.procedures.part(at)) if self.datums else at
 
     @property
     def labels(self) -> tuple[str, ...]:

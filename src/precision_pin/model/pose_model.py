@@ -74,6 +74,9 @@ class Solver(Protocol):
     def solved(self, at: PoseModel, x: Array) -> Array:
         """Return the errors ``(6, n)`` at a pose of robots that each carry out the procedures."""
 
+    def in_base_axes(self, at: PoseModel) -> PoseModel:
+        """Return the model at a pose without the procedures."""
+
 
 @dataclass(frozen=True, eq=False)
 class DatumPart(Fixed):
@@ -140,6 +143,11 @@ class PoseModel:
     def arm(self) -> PoseModel:
         """The model of the arm alone, with errors in base axes."""
         return self if self.datum is None else replace(self, datum=None)
+
+    @property
+    def in_base_axes(self) -> PoseModel:
+        """The model with errors in base axes; of an arm that is compensated, if this one is."""
+        return self if self.datum is None else self.datum.procedures.in_base_axes(self)
 
     def linear(self, x: ArrayLike) -> Array:
         """Return the errors ``(6, N)`` by superposition (eqs 12-17), for component values ``(d, N)``.

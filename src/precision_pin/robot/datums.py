@@ -1,4 +1,4 @@
-"""Datums: frames and tools that a robot finds with its own errors, by six procedures.
+"""Datums: frames and tools that a robot finds with its own errors, by six procedures, and the arm as it was calibrated.
 
 To first order the error against a datum is ``e = e_B + Σ G_i e_i + Σ H_i n_i``, with the errors ``e_B`` at the task and
 ``e_i`` at the visits of the procedure, in axes of the nominal base, and new noise ``n_i`` of the procedure. G and H
@@ -27,6 +27,8 @@ from precision_pin.base.units import ANGLE, LENGTH
 
 NO_DATUM: Final = "none"
 """Name for errors in base axes."""
+COMPENSATED: Final = "compensated"
+"""Name of the datum :meth:`Datum.compensated`, which every sheet has."""
 _FLAT: Final = 1e-6
 """Ratio of singular values below which points lie on a line, or attitudes share an axis; also the least that counts as
 a spread at all, m or rad², so that rounding does not."""
@@ -133,9 +135,10 @@ class Datum(ABC):
 
     def __post_init__(self) -> None:
         name = check_text("the name of a datum", self.name, "fixture")
-        if not name.strip() or not name.isprintable() or "," in name or name == NO_DATUM:
+        is_reserved = name == NO_DATUM or (name == COMPENSATED and self.kind != COMPENSATED)
+        if not name.strip() or not name.isprintable() or "," in name or is_reserved:
             raise InputError(
-                f"{shown(name)} is not a name of a datum; give a word without commas, other than {NO_DATUM}"
+                f"{shown(name)} is not a name of a datum; give a word without commas, other than {NO_DATUM} and {COMPENSATED}"
             )
 
     @property
@@ -229,6 +232,23 @@ class Datum(ABC):
             InputError: A negative number.
         """
         return Taught(name=name, pose=pose, touch=_touch(touch), turns=turns)
+
+    @staticmethod
+    def compensated(*, turns: bool | None = None) -> Datum:
+        """Return the calibrated arm as datum: its controller takes out the error with every draw at its mean.
+
+        As with :func:`precision_pin.compensate`, or with the URDF of the calibrated arm, to second order of the errors.
+
+        Args:
+            turns: Whether the attitude is taken out too; by default for arms of six joints or more.
+
+        Examples:
+            >>> model = pp.ErrorModel.load("4dof.errors.yaml")
+            >>> at = model.against(pp.Datum.compensated()).at("paper")
+            >>> print(np.abs(at.error_at_means[:3]).max() < 1e-15, np.abs(model.at("paper").error_at_means).max() > 8e-3)
+            True True
+        """
+        return Compensated(name=COMPENSATED, turns=turns)
 
     @staticmethod
     def three_points(origin: Pose, x: Pose, xy: Pose, touch: object = 0.0, *, name: str = "three_points") -> Datum:
@@ -409,6 +429,36 @@ class Taught(Datum):
         if self.turns:
             return Found(se3.compose(taught, se3.inverse(places[0])))
         return Found(se3.translation(taught[:3, 3] - places[0, :3, 3, None]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Compensated(Datum):
+    """The arm with every draw at its mean, as a controller knows it that compensates its error."""
+
+    kind: ClassVar[str] = COMPENSATED
+    turns: bool | None = None
+
+    @property
+    def visits(self) -> tuple[Pose, ...]:
+        """No poses."""
+        return ()
+
+    @property
+    def noise(self) -> tuple[tuple[str, Array], ...]:
+        """No noise."""
+        return ()
+
+    def maps(self, places: Array) -> Maps:
+        """Return maps of no visits."""
+        return lambda task, view: (np.zeros((0, 6, 6)), np.zeros((0, 6, 6)))
+
+    def bound(self, joints: int, configuration: Callable[[Any], Array]) -> Datum:
+        """Return the datum with the attitude taken out too, unless stated, by an arm of six joints or more."""
+        return self if self.turns is not None else replace(self, turns=joints >= _ALL_WAYS)
+
+    def find(self, robots: Robots, places: Array, noise: Array, task: Array, view: int) -> Found:
+        """Return nothing: the error at the means is subtracted by the model."""
+        return Found()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -730,7 +780,7 @@ def check_together(datums: Sequence[Datum]) -> None:
     names = [datum.name for datum in datums]
     if len(set(names)) < len(names):
         raise InputError(f"two datums have the same name, got {', '.join(map(repr, names))}; give each one of its own")
-    for datum in datums[:-1]:
+    for datum in [datum for datum in datums if datum.visits][:-1]:
         if datum.frame is not None:
             raise InputError(f"datum {datum.name}: a camera sees one workpiece; give it as the last datum")
 

@@ -241,7 +241,7 @@ def _datum_at(error_model: ErrorModel, at: PoseModel, work: Work) -> DatumRecord
     ranks = quantile_ranks(count, 0.95, 0.95)
     if record is None or ranks is None:
         return record
-    errors = sampler.errors(sampler.to_arrays(at.arm), work.model, work.seed, 0, count).reshape(2, 3, -1)
+    errors = sampler.errors(sampler.to_arrays(at.in_base_axes), work.model, work.seed, 0, count).reshape(2, 3, -1)
     sizes = np.sort(np.linalg.norm(errors, axis=1))
     quantiles, intervals = np.quantile(sizes, 0.95, axis=1), sizes[:, np.array(ranks) - 1]
     return replace(record, base_axes={"samples": count, "quantile_95": quantiles, "interval": intervals})

@@ -63,14 +63,14 @@ def _brief(analysis: MonteCarloResult) -> list[str]:
 def datum_lines(analysis: MonteCarloResult) -> list[str]:
     """Return a line with the 95 % quantiles of |d| against the datum and in base axes, and the effect of the datum."""
     record = analysis.datum
-    if record is None or record.effect is None or analysis.relative_to is not None:
+    if record is None or analysis.relative_to is not None:
         return []
     sizes = f"95 % of robots within |d| {statistic(analysis.position.norm, 0.95)} mm"
     if (base := record.base_axes) is not None:
         (value, *_), ((low, high), *_) = 1e3 * base["quantile_95"], 1e3 * base["interval"]
         size = format_inside(value, (low, high), most=5)
         sizes += f"; in base axes {size} mm ({base['samples']:,} of these robots)"
-    return [f"{record.procedure_text}: {sizes}; {record.effect.text}"]
+    return [f"{record.procedure_text}: {sizes}" + (f"; {record.effect.text}" if record.effect else "")]
 
 
 def _answer(analysis: MonteCarloResult) -> list[str]:

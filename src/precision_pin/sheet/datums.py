@@ -14,7 +14,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
-from precision_pin.robot.datums import NO_DATUM, Datum
+from precision_pin.robot.datums import COMPENSATED, NO_DATUM, Datum
 from precision_pin.robot.pose_grids import random_poses
 from precision_pin.sheet.settings import SettingError, placed
 
@@ -256,6 +256,8 @@ def _number(key: str, text: str, quantity: units.Quantity) -> float:
 def chosen_datums(names: str | list[str] | None, datums: Collection[str]) -> tuple[str, ...]:
     """Return names of datums in the order in which they are found, from a list or text with commas; ``none`` for none.
 
+    ``compensated`` needs no entry in the sheet.
+
     Raises:
         UnknownNameError: No such datum.
     """
@@ -263,6 +265,6 @@ def chosen_datums(names: str | list[str] | None, datums: Collection[str]) -> tup
     if listed == [NO_DATUM]:
         return ()
     for name in listed:
-        if name not in datums:
-            raise UnknownNameError("datum", name, (*datums, NO_DATUM))
+        if name not in datums and name != COMPENSATED:
+            raise UnknownNameError("datum", name, (*datums, COMPENSATED, NO_DATUM))
     return tuple(listed)

@@ -183,6 +183,7 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
     from precision_pin.analyses.calibration.calibrated_sheet import FRAME, calibrated_sheet, measured_frame, result_name
     from precision_pin.base.files import write_files
     from precision_pin.render.tables import milli
+    from precision_pin.robot.datums import COMPENSATED
     from precision_pin.writers.as_built import describe_frozen
 
     options, path = request.options, request.options["sheet_path"]
@@ -204,6 +205,8 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
                 notes.append(
                     f"datum {FRAME} of {path}: errors in the frame of the readings; --datum none: in base axes"
                 )
+            driven = COMPENSATED if frame is None else f"{FRAME},{COMPENSATED}"
+            notes.append(f"errors of a robot that is driven by the calibrated model: --datum {driven}")
         if options["urdf"] is not None:
             has_loads = not options["urdf_without"]
             frozen = result.to_urdf(options["urdf"], loads=has_loads)

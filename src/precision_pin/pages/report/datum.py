@@ -27,15 +27,18 @@ _PARTS: Final = (
 def datum_effect(results: Results) -> Child:
     """Return a line with both sizes of the error, and a figure of the parts of the variance; nothing in base axes."""
     record = results.analysis.datum
-    if record is None or record.effect is None:
+    if record is None:
         return joined([])
     (line,) = datum_lines(results.analysis)
+    text = paragraph(f"{line[0].upper()}{line[1:]}.")
+    if record.effect is None:
+        return text
     caption = (
         "Parts of the variance of d and δ, to first order, in % of the variance in base axes. What is common to both errors "
         f"of the robot cancels; the last bar is what remains against datum {record.name}."
     )
     chart = inline_figure(_figure(record.effect), f"{results.prefix}datum", line, caption)
-    return joined([paragraph(f"{line[0].upper()}{line[1:]}."), chart])
+    return joined([text, chart])
 
 
 def _figure(effect: DatumEffect) -> Figure:

@@ -35,7 +35,8 @@ class DatumLayer(Layer):
     def _rows(self) -> Iterator[tuple[str, Datum, Array, dict[str, Array]]]:
         """Colour of each datum, the datum, nominal tips of its poses ``(V, 4, 4)``, and its frames."""
         for colour, (datum, places, tips) in zip(itertools.cycle(_COLOURS), self.procedures.by_datum(), strict=False):
-            yield colour, datum, tips, datum.frames(places)
+            if len(tips):
+                yield colour, datum, tips, datum.frames(places)
 
     def settings(self, length: float) -> dict[str, Any]:
         """Return nothing: the shapes are true to scale."""
