@@ -8,10 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import precision_pin as pp
-from outputs.view_cases import arm_model, arm_text, nodes_of
+from outputs.view_cases import arm_model, arm_text, data_block, floats, likeness, matrix, nodes_of
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.analyses.result import subject
 from precision_pin.analyses.shares import by_place
+from precision_pin.base import se3
 from precision_pin.model.datum import DatumEffect
 from precision_pin.pages.report.datum import datum_effect
 from precision_pin.pages.view import ViewPose, page, script_hashes
@@ -175,8 +176,17 @@ def test_view_draws_the_procedure(model: pp.ErrorModel) -> None:
         assert_allclose(drawn, tips, atol=1e-9)
     assert sum(name.startswith("/meshcat/datum/axis") for name in nodes) == 3
     assert "&lt;fixture&gt; (three_points): tip at its 3 poses; axes: frame" in text
-    assert "arms as built: none, they stand in base axes, not in the datum" in text
-    assert "stands in base axes, so its tip is not their mean" in text
+    assert "sampled robots, as built, where the datum sees them" in text
+    settings = data_block(text, "settings")
+    ground = next(part for part in settings["parts"] if part["link"] == 0)
+    shown = [*zip(settings["poses"][0]["ghosts"], errors.T, strict=False)]
+    shown.append((settings["poses"][0]["deflected"], at.error_at_means))
+    for packed, error in shown:
+        stands, tip = likeness(settings, 0, floats(packed).reshape(-1, 6), 1)
+        assert_allclose(tip[:3, 3], at.posture.pose[:3, 3] + error[:3], atol=1e-6)
+        assert_allclose(tip[:3, :3], se3.exp_rotation(error[3:]) @ at.posture.pose[:3, :3], atol=1e-6)
+        # what the procedure corrects moves the base with the arm
+        assert np.any(error == 0) or np.abs(stands[ground["name"]] - matrix(ground["frame"])).max() > 1e-5
     assert 'id="show-datum"' in text
     assert all(source[1:-1].removeprefix("sha256-") in text for source in script_hashes(()))
     assert 'id="show-datum"' not in page([ViewPose(at.arm, errors, "p")], seed=0, model_name="exact")

@@ -65,6 +65,6 @@ class DatumLayer(Layer):
         return (
             f'<section aria-label="Datum"><h2>Datum {names}</h2><ul class="legend controls"><li><label>'
             '<input type="checkbox" id="show-datum" checked><i class="axes"></i><span>procedure of the datum</span></label>'
-            f'</li>{rows}</ul><p class="fine">Cloud, ellipsoids and sampled frames are errors against the datum. The '
-            "arm with every draw at its mean stands in base axes, so its tip is not their mean.</p></section>"
+            f'</li>{rows}</ul><p class="fine">Cloud, ellipsoids, sampled frames and arms with '
+            "errors are drawn against the datum: each arm is moved as a whole, so that its tip errs as there.</p></section>"
         )

@@ -254,8 +254,9 @@ def _optional_layers(
     """Return the boxes of the arms as built and of the limit on the position, which not every page has."""
     has_ghosts = all(pose.ghosts for pose in data)
     built = f"arms of {len(data[0].ghosts)} sampled robots, as built"
-    why = "they stand in base axes, not in the datum" if is_in_datum else "the errors are not those of this seed"
-    none = f"arms as built: none, {why}"
+    if is_in_datum:
+        built += ", where the datum sees them"
+    none = "arms as built: none, the errors are not those of this seed"
     limits = "; ".join(limit_text(specification) for specification in specifications if specification.row in _DRAWN)
     return [
         f'<li><label><input type="checkbox" id="show-{name}"{state}><i class="{mark}"></i>'

@@ -238,7 +238,7 @@ class PoseData:
         }
         x = at.space.sample(page.seed, 0, min(MOST_GHOSTS, samples), pose=shown.pose)
         model = _model_of(shown, x)
-        self.ghosts = _displacements(at, x) if model and at.table.targets and at.datum is None else ()
+        self.ghosts = _displacements(at, x) if model and at.table.targets else ()
         (self.deflected,) = _displacements(at, at.space.mean[:, None])
         attitude = errors[3:, :points].T if limits_attitude(page.specifications) else ()
         marks = [quantile(np.linalg.norm(errors[:3], axis=0), level) for level in LEVELS]
@@ -255,8 +255,8 @@ class PoseData:
             "mean": errors.mean(axis=1).tolist(),
             "ellipsoids": [columns(ellipsoid.matrix) for ellipsoid in self.ellipsoids],
             "frames": errors[:, :MOST_FRAMES].T.tolist(),
-            "targets": _packed(at.table.frames.swapaxes(1, 2)),
-            "before": [part.targets_before(at.table.targets) for part in page.parts],
+            "targets": _packed(_target_frames(at).swapaxes(1, 2)),
+            "before": [(at.datum is not None) + part.targets_before(at.table.targets) for part in page.parts],
             "ghosts": [_packed(displacements) for displacements in self.ghosts],
             "deflected": _packed(self.deflected),
             # the script inserts them as text, never as markup
@@ -275,9 +275,28 @@ def _model_of(view_pose: ViewPose, x: Array) -> str | None:
 
 
 def _displacements(at: PoseModel, x: Array) -> tuple[Array, ...]:
-    """Return the displacements ``(K, 6)`` of the targets of each unit, for component values ``(d, N)``."""
+    """Return the displacements ``(K, 6)`` of the targets of each unit, for component values ``(d, N)``.
+
+    Against a datum the first one moves the whole arm, so that its tip errs as in the datum.
+    """
     displacements = at.table.displacements(at.table.products(at.table.program.evaluate(x)))
+    if at.datum is not None:
+        (error, shift), (built, built_shift) = (_displaced_tip(at, model.exact(x)) for model in (at, at.arm))
+        turn = np.einsum("ijn,kjn->ikn", error, built)
+        moved = shift - np.einsum("ijn,jn->in", turn, built_shift)
+        whole = np.concatenate([moved, se3.log_rotation(turn)])
+        displacements = np.concatenate([whole[None], displacements])
     return tuple(displacements.transpose(2, 0, 1))
+
+
+def _target_frames(at: PoseModel) -> Array:
+    """Return the frames ``(K, 4, 4)`` of the targets; against a datum the base is one."""
+    return at.table.frames if at.datum is None else np.concatenate([np.eye(4)[None], at.table.frames])
+
+
+def _displaced_tip(at: PoseModel, errors: Array) -> tuple[Array, Array]:
+    """Return the rotations ``(3, 3, N)`` and positions ``(3, N)`` of tips with errors ``(6, N)``."""
+    return se3.exp_rotation(errors[3:]), at.posture.pose[:3, 3, None] + errors[:3]
 
 
 def _live(view_pose: ViewPose, page: PageData, model: str | None, points: int) -> dict[str, Any] | None:
