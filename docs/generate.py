@@ -31,7 +31,7 @@ from precision_pin.sheet.measurement import MeasurementEntry
 from precision_pin.sheet.schema import document_model, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
-from precision_pin.terms.source import Source, setting_meanings, takes_law
+from precision_pin.terms.source import Source, setting_fields, setting_meanings, takes_law
 
 PAGES: Final = Path(__file__).parent
 MARKED: Final = re.compile(r"(?<=<!-- table: )(.+?)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
@@ -148,7 +148,7 @@ def _in_order() -> list[tuple[str, type[Source]]]:
 
 def setting_names(kind: type[Source]) -> str:
     """Return the names of the settings of a kind of source, those that are needed first."""
-    needed = {field.name: field.default is dataclasses.MISSING for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    needed = {field.key: field.default is dataclasses.MISSING for field in setting_fields(kind)}
     first, then = ([f"`{name}`" for name, is_needed in needed.items() if is_needed is which] for which in (True, False))
     return f"Settings: {', '.join(first) or 'none'} needed; {', '.join(then) or 'no others'}.\n"
 
@@ -168,7 +168,7 @@ def settings(kind: type[Source]) -> str:
         words = _choices_of(hints[name])
         if words and all(f"`{word}`" in notes[told[name]] for word in words):
             shown = shown[1:]  # the meaning has the words
-        names[f"`{name}`"] = takes[", ".join(filter(None, shown))] = None
+        names[f"`{name.removesuffix('_')}`"] = takes[", ".join(filter(None, shown))] = None
     rows = (
         (f"{', '.join(names)} ({'; '.join(filter(None, takes))})".removesuffix(" ()"), note)
         for note, (names, takes) in alike.items()
@@ -199,7 +199,7 @@ def _takes_what(hint: Any) -> str:
         return f"{random}{named[0]}, {fixed if fixed > 2 else 'one or several'}"
     if choices := _choices_of(hint):
         return ", ".join(f"`{choice}`" for choice in choices)
-    return random + (named[0] if named else WORDS[options[0]])
+    return random + (named[0] if named else WORDS.get(options[0], "keys with values"))
 
 
 def _choices_of(hint: Any) -> list[str]:

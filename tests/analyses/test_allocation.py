@@ -263,6 +263,7 @@ STATED = [
     {"payload": {"at": "tool", "mass": "1 ± 0.1 kg", "com": ["±1 mm", "0 mm", "10 mm"]}},
     {"run_out": {"joint": "joint2", "radial": "10 ± 2 um", "axial": "5 um", "order": 2}},
     {"servo": {"joint": "joint2", "stiffness": "50 ± 5 N*m/rad", "friction": {"uniform": "0.1 N*m", "mean": "0.4 N*m"}}},
+    {"strut": {"from": {"link": "base"}, "to": {"link": "tool"}, "push": "300 ± 10 N", "rate": "2 N/mm", "at_length": "1 m"}},
     {"thermal": {"link": "link1", "expansion": "12 ± 1 ppm/K", "temperature_change": "±5 K"}},
     {"transmission": {"joint": "joint2", "amplitude": [ANGLE, "0.1 mrad"], "order": [1, 2]}},
     {"transmission": {"joint": "joint2", "stiffness": {"uniform": "10 N*m/rad", "mean": "1e5 N*m/rad"}}},

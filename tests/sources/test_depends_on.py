@@ -11,6 +11,7 @@ from precision_pin import Chain, ErrorModel, InputError, Posture, Source, Space,
 from precision_pin.draws.expressions import Component
 from precision_pin.draws.space import LabelledSpace
 from precision_pin.robot.places import Load
+from precision_pin.sources.strut import StrutEnd
 from precision_pin.terms.source import Dependence
 from precision_pin.terms.term import JointValue
 from support.dependence import hidden_dependence
@@ -20,6 +21,7 @@ TEXT = random_arm(51, prismatic=(4,))
 ARMS = {"base to tool": chain_of(TEXT, tip="tool"), "tool to base": chain_of(TEXT, base="tool", tip="base")}
 TOLERANCE = Uniform(1e-3)
 DIAMETER = Uniform(1e-4, mean=0.02)
+LOAD = Uniform(9.0, mean=300.0)
 PLAY = {"joint": "joint2", "diametral": (2e-5,), "span": 0.08}
 
 
@@ -59,6 +61,7 @@ SOURCES: list[tuple[Source, Dependence, bool]] = [
     (sources.Payload(at="half2", mass=Uniform(0.1, mean=2.0), com=(0.1, TOLERANCE, 0.0)), "chain", True),
     (sources.RunOut(joint="joint2", radial=1e-5, tilt=1e-5, order=2), "configuration", False),
     (sources.Servo(joint="joint2", stiffness=1e5, friction=2.0), "loads", False),
+    (sources.Strut(from_=StrutEnd(link="base"), to=StrutEnd(link="half2"), push=LOAD), "configuration", True),
     (sources.Thermal(expansion=1.2e-5, temperature_change=Uniform(3.0)), "chain", True),
     (sources.Thermal(link="link3", expansion=1.2e-5, gradient=5.0, across="z of joint3"), "configuration", True),
     (sources.Thermal(link="link5", expansion=1.2e-5, gradient=5.0, across="z of joint2"), "configuration", False),

@@ -9,6 +9,7 @@ from precision_pin import Chain, ErrorModel, Fixed, InputError, Normal, Space, U
 from precision_pin.base.errors import SheetError, UnknownNameError
 from precision_pin.sources import catalogue
 from precision_pin.sources.profiles import Segment
+from precision_pin.sources.strut import StrutEnd
 from support.checks.common import one_link
 from support.checks.places import CORRELATION, STD, rows
 from support.engines import written
@@ -39,6 +40,7 @@ ARM = {"link": "arm"}
 TUBE = {"link": "arm", "section": "tube", "outer_diameter": 0.06, "wall": 0.002, "material": "steel"}
 PARTS = {"link": "arm", "segments": (Segment(length=0.5, EI=1.0), Segment(EI=2.0))}
 SIX = {"joint": "hinge", "std": STD}
+ENDS = {"from_": StrutEnd(link="base", point=(0.0, 0.0, 0.3)), "to": StrutEnd(link="arm", point=(0.5, 0.0, 0.0))}
 
 SKEW, NEGATIVE = np.eye(6), np.eye(6)
 SKEW[0, 1] = 0.5
@@ -119,6 +121,18 @@ SETTINGS = [
     ("payload", {"at": "tool", "mass": 1.0, "com": (0.0, 0.0)}, "com of a payload has 2 numbers, expected 3"),
     ("payload", {"at": "tool", "mass": Normal(0.4, mean=1.0)}, r"mass of payload\[tool\] can become negative"),
     ("payload", {"at": "tol", "mass": 1.0}, "no link named 'tol'; did you mean 'tool'"),
+    ("strut", ENDS, "strut needs one of push: .*, free_length: with rate: .* and tension:"),
+    ("strut", ENDS | {"push": 9.0, "tension": 9.0}, "strut needs one of push:"),
+    ("strut", ENDS | {"push": 9.0, "rate": 9.0}, "a gas spring's rate: and at_length: of strut are given together"),
+    ("strut", ENDS | {"tension": 9.0, "at_length": 1.0}, "a gas spring's rate: and at_length: of strut are given together"),
+    ("strut", ENDS | {"free_length": 0.1}, "free_length: of strut needs rate:"),
+    ("strut", ENDS | {"tension": 9.0, "rate": 9.0}, "tension: of strut is that of a cable, the same at every length"),
+    ("strut", ENDS | {"tension": Normal(5.0, mean=9.0)}, r"tension of strut\[base-arm\] can become zero or negative"),
+    ("strut", ENDS | {"free_length": 0.1, "rate": -1.0}, r"rate of strut\[base-arm\] can become negative"),
+    ("strut", ENDS | {"push": 9.0, "to": StrutEnd(link="base")}, "both ends of strut are on the link 'base'"),
+    ("strut", ENDS | {"push": 9.0, "to": StrutEnd(link="amr")}, "no link named 'amr'; did you mean 'arm'"),
+    ("strut", ENDS | {"push": 9.0, "from_": StrutEnd(link="tool")}, "no joint of the chain lies between its ends"),
+    ("strut", ENDS | {"push": 9.0, "to": "arm"}, "to of strut must be of type StrutEnd"),
     ("table", HINGE | {"file": "none.csv"}, r"none\.csv does not exist"),
     ("thermal", {"expansion": 1e-5}, "thermal needs temperature_change: or gradient:, or both"),
     ("thermal", {"expansion": 1e-5, "gradient": 1.0}, "thermal needs both of gradient: and across:"),
@@ -211,6 +225,10 @@ LINES = [
     ("encoder: {joint: joint1, amplitude: 1 mrad, ratio: 1:100}", "ratio: .*'1:100'"),
     ("levelling: {rx: tilt}", "no parameter named 'tilt'"),
     ("levelling: {x: 1 deg}", "unknown key 'x'"),
+    ("strut: {to: {link: link1}, push: 1 N}", "the key 'from' is missing"),
+    ("strut: {from: base, to: {link: link1}, push: 1 N}", "from: expected keys with values"),
+    ("strut: {from: {link: base, at: 1 mm}, to: {link: link1}, push: 1 N}", "unknown key 'at'"),
+    ("strut: {from: {link: base, point: 1 2 mm}, to: {link: link1}, push: 1 N}", "point: of strut has 2 numbers, expected 3"),
     ("table: {joint: joint1, file: ''}", "file: expected the name of a file"),
     ("table: {joint: joint1, file: .}", "is not a regular file"),
     ("table: {joint: joint1, file: 'a\\0b'}", "cannot be read|does not exist"),

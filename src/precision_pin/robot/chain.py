@@ -642,7 +642,7 @@ class Posture:
     def wrench_on(self, loads: Sequence[Load], point: ArrayLike) -> dict[Factors, Array]:
         """Return the wrench ``(6[, P])`` of loads about a point, base axes, by the parameters that multiply it."""
         cached = self._weights
-        weights = [cached.get(load) or weigh([load], [self.carrier(load)])[load] for load in loads]
+        weights = [cached.get(load) or weigh([load], self.carrier)[load] for load in loads]
         return wrench_on(weights, self.chain.gravity, self.tilts, point)
 
     def torque_on(self, joint: int) -> dict[Factors, Any]:
@@ -656,7 +656,7 @@ class Posture:
 
     @cached_property
     def _weights(self) -> dict[Load, Weight]:
-        return weigh(self.loads, [self.carrier(load) for load in self.loads])
+        return weigh(self.loads, self.carrier)
 
     @cached_property
     @returns_read_only

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_numbers
 from precision_pin.base.arrays import Array, Fixed
-from precision_pin.base.errors import UnknownNameError
+from precision_pin.base.errors import InputError, UnknownNameError
 from precision_pin.draws.expressions import Expression
 from precision_pin.robot.bent_shape import NO_LENGTH, BentShape
 from precision_pin.robot.urdf import Joint, Robot
@@ -236,9 +236,9 @@ Factors = tuple[Expression, ...]
 """Parameters whose product multiplies a number; none for a constant."""
 
 
-Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]], list[tuple[Factors, Array]]]
-"""A load in the base: origin of its frame; for each moment, factors, mass and first moment; for each wrench, factors and
-the wrench ``(6[, P])``, all in base axes.
+Weight = tuple[Iterable[Any], list[tuple[Factors, Any, Any, Any, Any]], list[tuple[Factors, Array, Array]]]
+"""A load in the base: origin of its frame; for each moment, factors, mass and first moment; for each wrench, factors, the
+point on which it acts ``(3[, P])``, and the wrench ``(6[, P])``, all in base axes.
 
 The numbers of a weight are Python floats, faster than arrays for sums of three, or arrays over P postures.
 """
@@ -247,7 +247,7 @@ _NOTHING: Final = (0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A load on the chain: a weight, an applied wrench, or both.
+    """A load on the chain: a weight, an applied wrench, one end of a pull, or several of them.
 
     Carried by chain link ``link``; ``frame`` ``(4, 4)``, that of its moments, ``attachment`` ``(3,)``, where it acts,
     and ``stretch`` ``(2, 3)`` are in the link's axes. ``along``: the weight of the link's own body, spread evenly along
@@ -255,6 +255,7 @@ class Load:
     ``stretch``: ends of its part of the link; ``None``: the whole link for a weight ``along`` it, else a point.
     ``wrenches``: force and moment (N, N·m) at the frame's origin ``(6,)`` with the parameters that multiply them, to be
     added. With ``turns`` they are in the frame's axes and turn with it (a follower force), else in base axes (a dead one).
+    ``pull``: the tension towards a point of another link, of which the frame's origin is one end.
     """
 
     link: int
@@ -265,6 +266,7 @@ class Load:
     stretch: Array | None = None
     wrenches: tuple[tuple[Array, Factors], ...] = ()
     turns: bool = False
+    pull: Pull | None = None
 
     def stretch_along(self, x: Array, length: float) -> tuple[float, float]:
         """Return the ends (m) of its stretch on a link of this direction and length, equal if it has no length."""
@@ -294,6 +296,45 @@ class Load:
                 for values, factors in getattr(self, name)
             )
             object.__setattr__(self, name, checked)
+
+
+CarrierOf = Callable[[Load], Array]
+"""Function from a load to the axes of the chain link that carries it, in the base, ``(4, 4[, P])``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """A tension T on the line between two points of two chain links, as of a spring.
+
+    ``ends`` are loads without a weight whose frames have these points as origins, and ``tensions`` the parts ``constant +
+    slope · L`` of T (N, N/m), L the distance of the points, with the parameters that multiply them, to be added.
+    """
+
+    name: str
+    ends: tuple[Load, Load]
+    tensions: tuple[tuple[float, float, Factors], ...]
+
+    @property
+    def loads(self) -> tuple[Load, Load]:
+        """Both ends as loads on the chain."""
+        first, second = self.ends
+        return replace(first, pull=self), replace(second, pull=self)
+
+    def wrenches(self, link: int, carrier_of: CarrierOf) -> list[tuple[Factors, Array, Array]]:
+        """Return the wrenches on the end that a chain link carries: factors, point and wrench, as of a :data:`Weight`.
+
+        Both ends have the first one as their point, so that they cancel to the last digit beyond a joint before both.
+
+        Raises:
+            InputError: The ends are at one point.
+        """
+        start, stop = (se3.compose(carrier_of(end), end.frame)[:3, 3] for end in self.ends)
+        length = np.sqrt(((stop - start) ** 2).sum(axis=0))
+        if np.min(length) <= _SAME_POINT:
+            raise InputError(f"{self.name}: its ends are at one point, so its force has no direction")
+        direction = (stop - start) / length
+        along = np.concatenate([direction if link == self.ends[0].link else -direction, np.zeros_like(direction)])
+        return [(factors, start, (constant + slope * length) * along) for constant, slope, factors in self.tensions]
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,40 +401,48 @@ def wrench_basis(frame: Array, gravity: Array, point: ArrayLike) -> Array:
     return basis
 
 
-def weigh(loads: Sequence[Load], carriers: Sequence[Array]) -> dict[Load, Weight]:
-    """Return loads in the base, from the axes of the chain link that carries each, in the base, ``(4, 4[, P])``."""
+def weigh(loads: Sequence[Load], carrier_of: CarrierOf) -> dict[Load, Weight]:
+    """Return loads in the base."""
     if not loads:
         return {}
+    carriers = [carrier_of(load) for load in loads]
     if carriers[0].ndim == 3:
-        return {load: _weigh_at_many(load, carrier) for load, carrier in zip(loads, carriers, strict=True)}
+        return {load: _weigh_at_many(load, carrier, carrier_of) for load, carrier in zip(loads, carriers, strict=True)}
     frames = np.array(carriers) @ np.array([load.frame for load in loads])
     owners = [k for k, load in enumerate(loads) for _ in load.moments]
     moments = np.array([moments for load in loads for moments, _ in load.moments]).reshape(-1, 4)
     rotated = (frames[owners, :3, :3] @ moments[:, 1:, None])[:, :, 0]
     rows = iter(np.column_stack([moments[:, 0], rotated]).tolist())
     return {
-        load: (frame[:3, 3].tolist(), [(factors, *next(rows)) for _, factors in load.moments], _apply(load, frame))
+        load: (
+            frame[:3, 3].tolist(),
+            [(factors, *next(rows)) for _, factors in load.moments],
+            _apply(load, frame, carrier_of),
+        )
         for load, frame in zip(loads, frames, strict=True)
     }
 
 
-def _weigh_at_many(load: Load, carrier: Array) -> Weight:
+def _weigh_at_many(load: Load, carrier: Array, carrier_of: CarrierOf) -> Weight:
     """Return a load in the base at P postures with its link's axes ``(4, 4, P)``."""
     frame = se3.compose(carrier, load.frame)
     rotated = [(moments[0], se3.turn(frame[:3, :3], moments[1:]), factors) for moments, factors in load.moments]
-    return frame[:3, 3], [(factors, mass, x, y, z) for mass, (x, y, z), factors in rotated], _apply(load, frame)
+    weights = [(factors, mass, x, y, z) for mass, (x, y, z), factors in rotated]
+    return frame[:3, 3], weights, _apply(load, frame, carrier_of)
 
 
-def _apply(load: Load, frame: Array) -> list[tuple[Factors, Array]]:
-    """Return the wrenches of a load in base axes, ``(6[, P])``, with its frame in the base, ``(4, 4[, P])``."""
-    if not load.turns:
-        many = (slice(None), *[None] * (frame.ndim - 2))
-        return [(factors, wrench[many]) for wrench, factors in load.wrenches]
-    rotation = frame[:3, :3]
-    return [
-        (factors, np.concatenate([se3.turn(rotation, wrench[:3]), se3.turn(rotation, wrench[3:])]))
-        for wrench, factors in load.wrenches
-    ]
+def _apply(load: Load, frame: Array, carrier_of: CarrierOf) -> list[tuple[Factors, Array, Array]]:
+    """Return the wrenches of a load as of a :data:`Weight`, with its frame in the base, ``(4, 4[, P])``."""
+    rotation, point = frame[:3, :3], frame[:3, 3]
+    many = (slice(None), *[None] * (frame.ndim - 2))
+    if load.turns:
+        applied = [
+            (factors, point, np.concatenate([se3.turn(rotation, wrench[:3]), se3.turn(rotation, wrench[3:])]))
+            for wrench, factors in load.wrenches
+        ]
+    else:
+        applied = [(factors, point, wrench[many]) for wrench, factors in load.wrenches]
+    return applied if load.pull is None else applied + load.pull.wrenches(load.link, carrier_of)
 
 
 def wrench_on(
@@ -426,10 +475,9 @@ def wrench_on(
         wrench = np.array(numbers if coordinates.ndim == 1 else np.broadcast_arrays(*numbers))
         key = (*factors, *tilting)
         total[key] = total[key] + wrench if key in total else wrench
-    for origin, _, wrenches in weights:
-        arm = np.asarray(origin) - coordinates if wrenches else coordinates
-        for factors, wrench in wrenches:
-            lever = np.cross(arm, wrench[:3], axis=0)
+    for _, _, wrenches in weights:
+        for factors, place, wrench in wrenches:
+            lever = np.cross(place - coordinates, wrench[:3], axis=0)
             moved = np.concatenate(np.broadcast_arrays(wrench[:3], wrench[3:] + lever))
             total[factors] = total[factors] + moved if factors in total else moved
     return total

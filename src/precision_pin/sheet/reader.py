@@ -398,7 +398,8 @@ def _sources(
             findings.error((*path, name), f"the settings of {name} are missing: {{key: value, …}}")
             continue
         model = source_model(kinds[name])
-        setting_origins = source_origins(settings, tuple(model.model_fields), (*path, name), findings)
+        fields = tuple(field.alias or key for key, field in model.model_fields.items())
+        setting_origins = source_origins(settings, fields, (*path, name), findings)
         if setting_origins:
             origins[k] = setting_origins
         meta_keys = {ASSUMED, PROVENANCE} - set(model.model_fields)

@@ -177,7 +177,11 @@ def source_model(kind: type) -> type[BaseModel]:
     entries: dict[str, Any] = {
         entry.name: (
             _field_type(entry),
-            Field(... if entry.default is MISSING else entry.default, description=meanings.get(entry.name)),
+            Field(
+                ... if entry.default is MISSING else entry.default,
+                alias=None if entry.key == entry.name else entry.key,
+                description=meanings.get(entry.name),
+            ),
         )
         for entry in setting_fields(kind)
     }
@@ -214,7 +218,8 @@ def _field_type(entry: SettingField) -> Any:
     """Return the pydantic type of a setting: quantities and laws are read from text, other types are unchanged."""
     part, hint = entry.part, entry.hint
     if part is not None:
-        return tuple[Annotated[source_model(part), AfterValidator(_make(part))], ...]  # type: ignore[misc]
+        made: Any = Annotated[source_model(part), AfterValidator(_make(part))]
+        return tuple[made, ...] if entry.is_list else made
     if hint is FilePath:
         schema = {"type": "string", "description": "a file, relative to the sheet"}
         return Annotated[Any, BeforeValidator(_read_file), WithJsonSchema(schema)]
@@ -279,9 +284,9 @@ def stated_numbers(kind: type, settings: Mapping[str, Any]) -> dict[str, StatedN
     """Return the numbers and laws in the settings of a source, by path; list entries separately."""
     numbers: dict[str, StatedNumber] = {}
     for entry in setting_fields(kind):
-        setting = settings.get(entry.name)
+        setting = settings.get(entry.key)
         items = enumerate(setting) if isinstance(setting, list) else ()
-        values = {f"{entry.name}[{k}]": item for k, item in items} or {entry.name: setting}
+        values = {f"{entry.key}[{k}]": item for k, item in items} or {entry.key: setting}
         quantities = [quantity for note in entry.notes for quantity in _either(note)]
         for path, value in values.items():
             if entry.part is not None and isinstance(value, dict):
@@ -597,8 +602,10 @@ def _keys(model: type[BaseModel], location: Path) -> list[str]:
 
 def _model_at(model: type[BaseModel], location: Path) -> type[BaseModel]:
     for key in location:
-        if key in model.model_fields:
-            model = _inner(model.model_fields[str(key)].annotation) or model
+        for name, field in model.model_fields.items():
+            if key in (name, field.alias):
+                model = _inner(field.annotation) or model
+                break
     return model
 
 

@@ -46,9 +46,19 @@ class SettingField:
         return takes_law(self.hint)
 
     @property
+    def key(self) -> str:
+        """Its key in a sheet: the name, without the ``_`` that sets it apart from a word of Python."""
+        return self.name.removesuffix("_")
+
+    @property
+    def is_list(self) -> bool:
+        """Whether it is a list."""
+        return typing.get_origin(self.hint) is tuple
+
+    @property
     def part(self) -> type | None:
-        """The data class of the entries if it is a list of data classes, else ``None``."""
-        entry = next(iter(typing.get_args(self.hint)), None) if typing.get_origin(self.hint) is tuple else None
+        """The data class if it is one, or a list of them, else ``None``."""
+        entry = next(iter(typing.get_args(self.hint)), None) if self.is_list else self.hint
         return entry if isinstance(entry, type) and dataclasses.is_dataclass(entry) else None
 
     @property

@@ -625,7 +625,7 @@ def _beams(chain: Chain) -> Lines:
 def _kinds() -> Lines:
     lines = ["# Every kind of source, with its settings:"]
     for name, kind in catalogue().items():
-        settings = ", ".join(entry.name for entry in setting_fields(kind))
+        settings = ", ".join(entry.key for entry in setting_fields(kind))
         lines += _comment(f"{name} {{{settings}}}: {_first_line(kind)}", "#   ", "#       ")
     return lines
 

@@ -7,6 +7,8 @@ import numpy as np
 
 from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.sources.beam import Beam
+from precision_pin.sources.bearing_stiffness import BearingStiffness
+from precision_pin.sources.force import Force
 from precision_pin.sources.joint_compliance import JointCompliance
 from precision_pin.sources.payload import Payload
 from precision_pin.terms.term import JointValue
@@ -83,6 +85,64 @@ def check_force(module: ModuleType) -> None:
             _, by_source = evaluated(bare, Q7, [weight, JointCompliance(joint=name, compliance=1e-3)])
             expected = 1e-3 * carrying.at(Q7).load_torque[bare.joint_index(name)]
             same(by_source[JointValue(bare.joint_index(name))], [expected], 1e-12)
+
+
+def check_strut(module: ModuleType) -> None:
+    # hand case: a hinge about -y lifts an arm; A is h above it, B at r on the arm: L² = h² + r² - 2 h r sin q
+    chain, h, r = one_link(axis=(0, -1, 0), gravity=(0.0, 0.0, 0.0)), 0.3, 0.5
+    flexible = JointCompliance(joint="hinge", compliance=2e-4)
+    ends = {
+        "from_": module.StrutEnd(link="base", point=(0.0, 0.0, h)),
+        "to": module.StrutEnd(link="arm", point=(r, 0.0, 0.0)),
+    }
+    gas = {"push": Uniform(30.0, mean=300.0), "rate": Uniform(200.0, mean=2e3), "at_length": Uniform(0.01, mean=0.6)}
+    spring = {"rate": Uniform(200.0, mean=2e3), "free_length": Uniform(0.01, mean=0.1)}
+    for settings, numbers in (
+        (gas, (310.0, 1900.0, 0.605)),
+        (spring, (2100.0, 0.095)),
+        ({"tension": Uniform(30.0, mean=300.0)}, (280.0,)),
+    ):
+        source = module.Strut(**ends, **settings)
+        values = {f"strut[base-arm].{name}": value for name, value in zip(settings, numbers, strict=True)}
+        for q in (-0.4, 0.0, 0.6, 2.2):
+            length = np.sqrt(h**2 + r**2 - 2 * h * r * np.sin(q))
+            first, *others = numbers
+            match tuple(settings):
+                case ("push", *_):
+                    tension = -(first - others[0] * (length - others[1]))
+                case ("rate", *_):
+                    tension = first * (length - others[0])
+                case _:
+                    tension = first
+            _, totals = evaluated(chain, [q], [source, flexible], values)
+            same(totals[JointValue(0)], [2e-4 * tension * h * r * np.cos(q) / length], 1e-14)
+    # between any links of any arm: two opposite forces on its ends, on joints, bearings and beams
+    arm = slanted_arm(15, prismatic=(4,))
+    places = arm.reading.poses(arm.q)
+    sources = [JointCompliance(joint=name, compliance=1e-3) for name in arm.chain.joint_names]
+    sources += [BearingStiffness(joint=name, radial=1e6, tilt=1e4) for name in ("joint2", "joint4", "joint6")]
+    sources += [Beam(link=name, EI=2e3, GI=1e3, EA=1e6) for name in ("link3", "link5")]
+    points = (0.1, -0.2, 0.15), (0.05, 0.1, -0.1)
+    for links in (("base", "link5"), ("link5", "link3"), ("half2", "tool"), ("bracket", "finger"), ("link3", "base")):
+        start, stop = (place_of(places[link], point) for link, point in zip(links, points, strict=True))
+        along = (stop - start) / np.linalg.norm(stop - start)
+        force = -(300.0 - 2e3 * (np.linalg.norm(stop - start) - 0.6)) * along
+        pair = [
+            Force(at=links[0], point=points[0], force=tuple(force)),
+            Force(at=links[1], point=points[1], force=tuple(-force)),
+        ]
+        from_, to = (module.StrutEnd(link=link, point=point) for link, point in zip(links, points, strict=True))
+        source = module.Strut(from_=from_, to=to, push=300.0, rate=2e3, at_length=0.6)
+        _, expected = evaluated(arm.chain, Q7, [*pair, *sources])
+        _, totals = evaluated(arm.chain, Q7, [source, *sources])
+        assert totals.keys() == expected.keys()
+        for target, total in expected.items():
+            same(totals[target], total, 1e-12)
+
+
+def place_of(pose: np.ndarray, point: tuple[float, float, float]) -> np.ndarray:
+    """Return a point of a frame in the base."""
+    return pose[:3, :3] @ point + pose[:3, 3]
 
 
 def check_levelling(module: ModuleType) -> None:
