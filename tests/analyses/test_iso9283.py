@@ -17,9 +17,10 @@ from precision_pin.analyses.iso9283.result import FigureLaw, pose_names
 from precision_pin.analyses.iso9283.table import iso9283_table, verdict
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
-from precision_pin.sources import Backlash, JointOffset, Length, Thermal
+from precision_pin.sources import Backlash, JointOffset, Length, Servo, Thermal
 from sampling.cases import MODEL
 from support import plain_robot
+from support.checks.common import one_link
 from support.figures import overlaps, small_or_cut
 from support.refusals import check_refused
 
@@ -321,6 +322,26 @@ def test_variation_over_paths_of_approach():
     for robot, value in enumerate(tested.RP_bidirectional.values):
         attained = np.concatenate([visits[:, :, robot], np.zeros((9, 3))], axis=1)
         assert value == pytest.approx(pp.iso9283_of(np.zeros(6), attained)["RP"], rel=1e-9)
+
+
+def test_a_dead_band_shows_in_vap_alone():
+    """A lever of 1 m that stops a half-band b short of its command; what scatters besides it is as good as nothing."""
+    b, std = 1e-3, 1e-7
+    again = pp.Draw("again", pp.Normal(std), pp.Scope.VISIT)
+    dead = [Servo(joint="hinge", stiffness=400.0, friction=400.0 * b), JointOffset(joint="hinge", offset="again")]
+    model = pp.ErrorModel(one_link(gravity=(0.0, 0.0, 0.0)), pp.Space((again,)), dead)
+    # |x| of a normal law: mean sqrt(2/pi) and variance 1 - 2/pi
+    one_side = math.sqrt(2 / math.pi) + 3 * math.sqrt(1 - 2 / math.pi)
+    sides = pp.sample_approaches(model, [0.0], approaches=["hinge +", "hinge -"], robots=30, cycles=1000)
+    assert sides.unidirectional.mean() == pytest.approx(one_side * std, rel=0.01)
+    assert one_side == pytest.approx(2.606, abs=5e-4)
+    np.testing.assert_allclose(sides.bidirectional, b, rtol=1e-3)
+    np.testing.assert_allclose(sides.variation, 2 * b, rtol=1e-3)
+    # from unknown sides the joint stops anywhere in the band: |x| is uniform; along x and y it comes from either side
+    test = pp.iso9283(model, [[math.pi / 4]], robots=30, cycles=1000)
+    assert test.poses["P1"].RP.mean == pytest.approx((1 / 2 + 3 / math.sqrt(12)) * b, rel=0.01)
+    assert test.vAP.quantile(0.5) == pytest.approx(2 * b, rel=1e-3)
+    assert {"vAP", "RP_bidirectional"} <= set(test.to_dict()) and "\nvAP " in iso9283_table(test)
 
 
 @pytest.mark.slow
