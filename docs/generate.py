@@ -31,6 +31,7 @@ from precision_pin.sheet.measurement import MeasurementEntry
 from precision_pin.sheet.schema import document_model, json_schema, used_quantities
 from precision_pin.sheet.settings import law_options
 from precision_pin.sources import catalogue
+from precision_pin.sources.published import published
 from precision_pin.terms.source import Source, setting_fields, setting_meanings, takes_law
 
 PAGES: Final = Path(__file__).parent
@@ -234,6 +235,17 @@ def _default(value: Any) -> str:
     return f"default {' '.join(f'`{entry}`' if isinstance(entry, str) else f'{entry:g}' for entry in entries)}"
 
 
+def published_figures(key: Literal["gear", "servo"]) -> str:
+    """Return the gears or servos that a sheet can name, those of one document together."""
+    parts = []
+    for document in dict.fromkeys(entry.document for entry in published(key).values()):
+        entries = {name: entry.settings for name, entry in published(key).items() if entry.document == document}
+        header = list(dict.fromkeys(setting for one in entries.values() for setting in one))
+        rows = [(f"`{name}`", *(one[setting] for setting in header)) for name, one in entries.items()]
+        parts.append(f"{document[0].upper()}{document[1:]}:\n\n{table((key, *(f'`{one}`' for one in header)), rows)}")
+    return "\n".join(parts)
+
+
 def commands() -> str:
     """Return the commands and what each does, in groups."""
     groups = list_groups().items()
@@ -335,6 +347,7 @@ TABLES: Final[dict[str, dict[str, Callable[[], str]]]] = {
         "scopes": scopes,
         "units": quantities,
     },
+    "catalogue.md": {"gears": partial(published_figures, "gear"), "servos": partial(published_figures, "servo")},
     "sources.md": {"kinds": kinds} | {name: partial(setting_names, kind) for name, kind in catalogue().items()},
 }
 """Every generated table by page and name."""

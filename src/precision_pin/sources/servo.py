@@ -8,7 +8,19 @@ from typing import Annotated, ClassVar, Literal
 
 from precision_pin.base.arguments import check_choice
 from precision_pin.sources.places import approach_draw, approach_of
-from precision_pin.terms import Draw, JointValue, LabelledSpace, Posture, Setting, Source, Term, at_means, units
+from precision_pin.sources.published import take_published
+from precision_pin.terms import (
+    Draw,
+    InputError,
+    JointValue,
+    LabelledSpace,
+    Posture,
+    Setting,
+    Source,
+    Term,
+    at_means,
+    units,
+)
 from precision_pin.terms.term import side_of
 
 
@@ -35,9 +47,11 @@ class Servo(Source):
             ``links``. Never a ``force`` nor what is random.
         encoder: Where the joint is measured: at the ``motor``, or at the ``joint``, which removes errors of the drive.
         integral: Whether the controller has integral action.
+        servo: Name of a published servo, whose figures stand for the settings that are left out.
 
     Raises:
-        InputError: A stiffness that may reach zero, a negative friction or share, or a choice that does not exist.
+        InputError: A servo that is not published, no stiffness or one that may reach zero, a negative friction or share, or
+            a choice that does not exist.
 
     Examples:
         >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
@@ -56,15 +70,19 @@ class Servo(Source):
     }
 
     joint: str
-    stiffness: Annotated[Setting, units.PerJoint(units.ANGULAR_STIFFNESS, units.LINEAR_STIFFNESS)]
-    friction: Annotated[Setting, units.PerJoint(units.TORQUE, units.FORCE)] = 0.0
+    stiffness: Annotated[Setting | None, units.PerJoint(units.ANGULAR_STIFFNESS, units.LINEAR_STIFFNESS)] = None
+    friction: Annotated[Setting | None, units.PerJoint(units.TORQUE, units.FORCE)] = None
     load_friction: Annotated[Setting, units.RATIO] = 0.0
     gravity_compensation: Annotated[Setting, units.RATIO] = 0.0
     compensates: Literal["all", "links"] = "all"
     encoder: Literal["motor", "joint"] = "motor"
     integral: bool = False
+    servo: str | None = None
 
     def __post_init__(self) -> None:
+        take_published(self, "servo")
+        if self.stiffness is None:
+            raise InputError("servo needs stiffness:, or servo: with the name of a published one")
         check_choice("compensates of servo", self.compensates, ("all", "links"))
         check_choice("encoder of servo", self.encoder, ("motor", "joint"))
 
@@ -83,7 +101,7 @@ class Servo(Source):
     @property
     def has_friction(self) -> bool:
         """Whether the direction of the last motion matters."""
-        return not self.integral and not (self.friction == 0.0 and self.load_friction == 0.0)
+        return not self.integral and not (self.friction in (None, 0.0) and self.load_friction == 0.0)
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the direction of the last motion where no approach gives it."""
@@ -92,6 +110,9 @@ class Servo(Source):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield terms for the load by group, its compensation, and the friction."""
         joint = posture.chain.joint_index(self.joint)
+        if self.servo is not None and posture.chain.prismatic[joint]:
+            raise InputError(f"{self.label()}: servo: is only for a revolute joint")
+        assert self.stiffness is not None
         target, flexibility = JointValue(joint), 1.0 / space.positive("stiffness", self.stiffness)
         if self.integral:
             return
@@ -104,7 +125,8 @@ class Servo(Source):
         if not self.has_friction:
             return
         direction = approach_of(posture, self.joint, space)
-        yield Term.of(target, -1.0, direction, space.positive("friction", self.friction, zero=True), flexibility)
+        friction = 0.0 if self.friction is None else self.friction
+        yield Term.of(target, -1.0, direction, space.positive("friction", friction, zero=True), flexibility)
         coefficient = space.positive("load_friction", self.load_friction, zero=True)
         if coefficient != 0.0:
             side = side_of((posture.deciding or posture).torque_on(joint), space.space)

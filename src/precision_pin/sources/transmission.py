@@ -11,6 +11,7 @@ from precision_pin.draws.expressions import Value, sign
 from precision_pin.draws.space import LabelledSpace, entry_name
 from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, phase_draw
 from precision_pin.sources.places import approach_draw, approach_of
+from precision_pin.sources.published import take_published
 from precision_pin.terms import (
     Chain,
     Dependence,
@@ -59,10 +60,13 @@ class Transmission(Source):
             stiffness is that beyond.
         hysteresis_loss: Full width 2h of the loop, as printed.
         lead_error: Lead error of a prismatic joint, relative to the travel from the joint's zero.
+        gear: Name of a published gear, whose figures stand for the settings that are left out; a stiffness that is given
+            replaces all its pieces.
 
     Raises:
-        InputError: No error, not one order for each amplitude, an order or period that is not positive, a stiffness
-            that may reach zero, pieces without their limits, or a setting for the other kind of joint.
+        InputError: A gear that is not published, no error, not one order for each amplitude, an order or period that is
+            not positive, a stiffness that may reach zero, pieces without their limits, or a setting for the other kind
+            of joint.
 
     Examples:
         >>> chain = pp.Chain.from_urdf("4dof.urdf", tip="tool")
@@ -98,12 +102,16 @@ class Transmission(Source):
     rated_torque: Annotated[float | None, units.PerJoint(units.TORQUE, units.FORCE)] = None
     hysteresis_loss: Annotated[Setting | None, units.PerJoint(units.ANGLE, units.LENGTH)] = None
     lead_error: Annotated[Setting | None, units.RELATIVE_LENGTH] = None
+    gear: str | None = None
 
     def __post_init__(self) -> None:
+        take_published(self, "gear", "stiffness", "limit_torques")
         if not self.amplitude and all(
             value is None for value in (self.stiffness, self.lead_error, self.hysteresis_loss)
         ):
-            raise InputError("transmission needs one of amplitude:, stiffness:, hysteresis_loss: and lead_error:")
+            raise InputError(
+                "transmission needs one of amplitude:, stiffness:, hysteresis_loss:, lead_error: and gear:"
+            )
         self._check_pieces()
         if len(self.amplitude) != len(self.order):
             counts = f"{len(self.amplitude)} and {len(self.order)}"
@@ -167,6 +175,8 @@ class Transmission(Source):
             raise InputError(f"{self.label()}: a prismatic joint needs period: with amplitude:")
         if not is_prismatic and self.lead_error is not None:
             raise InputError(f"{self.label()}: lead_error: is only for a prismatic joint")
+        if is_prismatic and self.gear is not None:
+            raise InputError(f"{self.label()}: gear: is only for a revolute joint")
         value = posture.q[joint]
         angle = 2 * math.pi * value / self.period if self.period is not None else value
         for k, amplitude in enumerate(space.values("amplitude", self.amplitude)):
