@@ -21,6 +21,7 @@ from .analyses.moments.moments import moments as moments
 from .analyses.path.path_law import path_law as path_law
 from .analyses.readings import simulate as simulate
 from .analyses.reliability.reliability import reliability as reliability
+from .analyses.stiffness.stiffness import stiffness as stiffness
 from .analyses.worst_case.worst_case import worst_case as worst_case
 from .base.errors import InputError as InputError
 from .base.errors import PrecisionPinError as PrecisionPinError

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.versions import versions
+from precision_pin.model.compliance import ElasticPose
 from precision_pin.model.datum import DatumRecord, datum_text
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
@@ -96,7 +97,7 @@ class PoseLabel:
     approach: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, error_model: ErrorModel, pose: Pose, at: PoseModel) -> PoseLabel:
+    def of(cls, error_model: ErrorModel, pose: Pose, at: PoseModel | ElasticPose) -> PoseLabel:
         """Return the label of a pose."""
         chain = error_model.chain
         return cls(

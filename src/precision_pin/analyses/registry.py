@@ -20,6 +20,7 @@ FOLDERS: list[str] = [
     "precision_pin.analyses.moments",
     "precision_pin.analyses.map",
     "precision_pin.analyses.path",
+    "precision_pin.analyses.stiffness",
     "precision_pin.analyses.compare",
     "precision_pin.analyses.compensation",
     "precision_pin.analyses.allocation",

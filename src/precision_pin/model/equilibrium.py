@@ -33,7 +33,7 @@ from precision_pin.model.pose_model import PoseModel, spread_of
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import Deflection, Factors, Place
 from precision_pin.terms.table import TableLayout, TermTable
-from precision_pin.terms.term import JointValue, Target, Term
+from precision_pin.terms.term import JointValue, Target, Term, on_target
 
 MakeTerms = Callable[[Posture], Sequence[Term]]
 """Function from a posture to the terms of all sources."""
@@ -408,11 +408,8 @@ def terms_about_rest(state: RestState) -> tuple[Term, ...]:
         sums[slot, factors] = sums.get((slot, factors), 0.0) + twist
     terms = [term for term in state.terms if not term.loaded]
     for (slot, factors), twist in sums.items():
-        target, chain = table.targets[slot % len(table.targets)], state.posture.chain
-        if isinstance(target, JointValue):
-            rows = slice(0, 3) if chain.prismatic[target.joint] else slice(3, 6)
-            twist = chain.axes[target.joint] @ twist[rows]
-        terms.append(Term.of(target, twist, *factors, loaded=True))
+        target = table.targets[slot % len(table.targets)]
+        terms.append(Term.of(target, on_target(target, state.posture.chain, twist), *factors, loaded=True))
     return tuple(terms)
 
 

@@ -61,6 +61,7 @@ class Servo(Source):
         -6.501
     """
 
+    holds_joint: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {
         "stiffness": "servo stiffness of {subject}",
         "friction": "friction of {subject}",

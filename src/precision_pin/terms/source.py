@@ -257,6 +257,9 @@ class Source(ABC):
     is_in_drive: ClassVar[bool] = False
     """Whether its errors arise between motor and joint, so that an encoder at the joint sees them."""
 
+    holds_joint: ClassVar[bool] = False
+    """Whether its friction holds its joint against a force that comes after the stop."""
+
     is_put_down: ClassVar[bool] = False
     """Whether the arm can put it down, as a payload."""
 

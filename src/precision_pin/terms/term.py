@@ -23,6 +23,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.draws.expressions import Component, Expression, Program, Value, sign
 from precision_pin.draws.space import Space
+from precision_pin.robot.chain import Chain
 from precision_pin.robot.places import Factors, Place
 
 MOST_FACTORS = 3
@@ -121,6 +122,15 @@ class TermsOfPose(Sequence[Term]):
             return tuple(self[k] for k in range(*key.indices(len(self))))
         term = self._terms[key]
         return replace(term, twist=term.twist[:, self._pose]) if term.twist.ndim == 2 else term
+
+
+def on_target(target: Target, chain: Chain, twist: Array) -> Array:
+    """Return a twist ``(6,)`` in a target's axes as a term takes it: of a joint value, the number along its axis."""
+    if not isinstance(target, JointValue):
+        return twist
+    return np.atleast_1d(
+        chain.axes[target.joint] @ twist[slice(0, 3) if chain.prismatic[target.joint] else slice(3, 6)]
+    )
 
 
 def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:

@@ -1,0 +1,132 @@
+"""Terminal table of the stiffness."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from precision_pin.analyses.result import answer_of, subject
+from precision_pin.analyses.stiffness.stiffness import (
+    Direction,
+    PoseStiffness,
+    StiffnessResult,
+    number,
+    vector_text,
+)
+from precision_pin.base.errors import visible
+from precision_pin.render.columns import Column, text_lines
+from precision_pin.render.tables import percent
+from precision_pin.render.text_table import aligned, limited, remainder
+
+_PARTS: Final = 8
+"""Elastic sources listed."""
+_SHOWN: Final = 3
+"""Poses up to which each has tables of its own."""
+_LISTED: Final = 12
+"""Poses listed otherwise, the softest first."""
+
+
+def table(result: StiffnessResult) -> str:
+    """Return how far the tool gives way, then compliances along the axes and the parts that give, mm/kN and mrad/(N·m)."""
+    poses = result.poses
+    parts = [
+        answer_of(
+            [pose.pose for pose in poses], [pose.softest.compliance for pose in poses], [answer(pose) for pose in poses]
+        )
+    ]
+    if len(poses) > _SHOWN:
+        parts.append("\n".join([result.how, "", *_overview(result)]))
+        poses = (poses[result.softest_pose],)
+    parts += ["\n".join(_pose_lines(result, pose)) for pose in poses]
+    parts.append(
+        "compliance: displacement over force along the axis, free sideways, as a dial gauge sees it; N/µm: one over it;\n"
+        "95 % of robots: the quantile with its interval"
+    )
+    return "\n\n".join(parts)
+
+
+def answer(pose: PoseStiffness) -> str:
+    """Return how far the tool gives way, where it is softest and what gives most, as a sentence."""
+    length, axis, force = pose.largest
+    softest, first = pose.softest, pose.sources[0]
+    where = f"{vector_text(softest.direction)}: {_milli(softest)} mm/kN, {_stiffness(softest)} N/µm"
+    reach = (
+        f"by up to {1e3 * length:.3g} mm ({axis}); softest along {where}"
+        if axis
+        else f"by up to {1e3 * length:.3g} mm, along {where}"
+    )
+    return f"{force:g} N move the tool {reach}; {visible(first.source)} gives {100 * first.share:.0f} % of it"
+
+
+def _milli(entry: Direction) -> str:
+    return number(1e6 * entry.compliance)
+
+
+def _stiffness(entry: Direction) -> str:
+    return "-" if entry.stiffness is None else number(1e-6 * entry.stiffness)
+
+
+def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
+    lines = [
+        subject(result.provenance, pose.pose),
+        result.how,
+        "",
+        *text_lines(_columns(result, pose), result.rows(pose)),
+    ]
+    if pose.solved_difference is not None:
+        lines += ["", f"softest and stiffest robot solved one by one: within {pose.solved_difference:.2%} of the law"]
+    lines += ["", f"what gives way along {vector_text(pose.softest.direction)}:", *aligned(_part_rows(result, pose))]
+    lines += remainder(len(pose.sources) - len(pose.sources[: limited(_PARTS)]), "parts")
+    if pose.goal is not None:
+        low, high = pose.goal.interval
+        lines.append(
+            f"within {number(1e6 * pose.goal.limit)} mm/kN: {percent(pose.goal.probability)} % of robots, interval "
+            f"{percent(low)} to {percent(high)} %; all parts together {pose.goal.together:.3g} times as stiff"
+        )
+    if pose.static_compliance:
+        lines += ["", "static compliance along the force, mm/kN:", *aligned(_step_rows(pose), words=1)]
+    if pose.dead_band:
+        names = [entry.axis for entry in pose.axes]
+        rows = [["held by friction", *(f"{name} mm" for name in names)]]
+        rows += [[visible(held.source), *(number(1e3 * length) for length in held.axes)] for held in pose.dead_band]
+        lines += ["", *aligned(rows, words=1)]
+    return lines
+
+
+def _columns(result: StiffnessResult, pose: PoseStiffness) -> list[Column]:
+    unused = set() if pose.static_compliance else {"plus", "minus"}
+    unused |= set() if pose.dead_band else {"band"}
+    return [column for column in result.COLUMNS if column.value not in unused]
+
+
+def _part_rows(result: StiffnessResult, pose: PoseStiffness) -> list[list[str]]:
+    rows = [["", "share", "mm/kN", *(["stiffer alone"] if pose.goal else [])]]
+    for part in pose.sources[: limited(_PARTS)]:
+        row = [visible(part.source), f"{percent(part.share)} %", number(1e6 * part.compliance)]
+        if pose.goal is not None:
+            row.append("not alone" if part.factor is None else f"× {part.factor:.3g}")
+        rows.append(row)
+    return rows
+
+
+def _step_rows(pose: PoseStiffness) -> list[list[str]]:
+    steps = next(iter(pose.static_compliance.values()))
+    rows = [["force N", *(f"{force:g}" for force in steps.force)]]
+    rows += [[name, *(number(1e6 * c) for c in entry.compliance)] for name, entry in pose.static_compliance.items()]
+    return rows
+
+
+def _overview(result: StiffnessResult) -> list[str]:
+    order = sorted(range(len(result.poses)), key=lambda k: -result.poses[k].softest.compliance)
+    names = [entry.axis for entry in result.poses[0].axes]
+    rows = [["pose", "softest mm/kN", "along", "N/µm", *(f"{name} mm/kN" for name in names), "most by"]]
+    for k in order[: limited(_LISTED)]:
+        pose = result.poses[k]
+        rows.append(
+            [
+                visible(result.labels[k]),
+                *(_milli(pose.softest), vector_text(pose.softest.direction), _stiffness(pose.softest)),
+                *(_milli(entry) for entry in pose.axes),
+                visible(pose.sources[0].source),
+            ]
+        )
+    return [*aligned(rows, words=1), *remainder(len(order) - len(rows) + 1, "poses")]
