@@ -59,8 +59,8 @@ def test_no_room_is_named_outside_it():
     assert not found, "\n".join(found)
 
 
-COMMON = {"map", "path", "moments", "calibration"}
-"""Words for something else too: moments of a mass, a tag of a URDF."""
+COMMON = {"map", "path", "moments", "calibration", "stiffness"}
+"""Words for something else too: moments of a mass, a tag of a URDF, a setting of sources."""
 
 
 def test_no_analysis_is_chosen_by_its_name():
@@ -81,6 +81,7 @@ poses: {paper: -90 3 88 -91 deg, other: -60 10 70 -80 deg}
 sources:
   - joint_offset: {joint: joint2, offset: {uniform: 0.1 mrad}}
   - frame: {frame: tool, x: {normal: 0.1 mm}}
+  - joint_compliance: {joint: joint2, compliance: 1e-6 rad/(N*m)}
 """
 ASKED = {
     "budget": "--samples 1024",
@@ -94,6 +95,7 @@ ASKED = {
     "iso9283": "--robots 20",
     "calibrate": "--forecast --random 8",
     "allocate": "--pareto 0",
+    "stiffness": "--robots 100",
 }
 """What each command needs to run, and to run quickly."""
 SMOKE = """

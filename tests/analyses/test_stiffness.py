@@ -22,12 +22,8 @@ ANGLES = np.radians([30, -50])
 def jacobian(angles):
     """Return the columns of the tip's twist of the planar arm, joints about -y."""
     sums = np.cumsum(angles)
-    points = np.array(
-        [
-            np.zeros(2),
-            *np.cumsum([l * np.array([np.cos(s), np.sin(s)]) for l, s in zip(LENGTHS, sums, strict=False)], axis=0),
-        ]
-    )
+    links = [length * np.array([np.cos(s), np.sin(s)]) for length, s in zip(LENGTHS, sums, strict=True)]
+    points = np.array([np.zeros(2), *np.cumsum(links, axis=0)])
     reach = points[-1] - points[:-1]
     zero = np.zeros(2)
     return np.array([-reach[:, 1], zero, reach[:, 0], zero, -np.ones(2), zero])
@@ -307,7 +303,7 @@ def test_what_is_shown():
         ({"rated": "3 kg"}, "rated"),
         ({"axes": "world"}, "axes"),
         ({"axes": (0, 0, 0)}, "the direction is zero"),
-        ({"robots": 0}, "samples"),
+        ({"robots": 0}, "robots"),
         ({"goal": "-1 um/N"}, "goal must be positive"),
     ],
 )

@@ -336,6 +336,8 @@ def _analysis_calls():
     several = {"poses": SEVERAL}
     yield call(pp.reliability, model=small, specifications="200 mm @ 99 %", poses=POSE, samples=64,
                fine=several | {"specifications": ""})  # fmt: skip
+    yield call(pp.stiffness, {"robots": "robots"}, model=arm, poses=POSE, rated="100 N", axes=[1.0, 0.0, 0.0], goal="1 m/N",
+               robots=5, fine=several | {"rated": f"{OPTIONAL}, {POSITIVE}", "goal": f"{OPTIONAL}, {POSITIVE}"})  # fmt: skip
     yield call(pp.worst_case, model=small, poses=POSE, samples=64, k=3.0, fine=several)
     yield call(pp.moments, model=small, poses=POSE, samples=1024, method="plain", fine=several)
     yield call(pp.budget, model=small, poses=POSE, samples=1024, k=3.0, fine=several)

@@ -122,6 +122,7 @@ RESULTS = {
     "budget": lambda: pp.budget(ARM, POSE, samples=1024),
     "exact_law": lambda: pp.exact_law(ARM, POSE, samples=1000),
     "worst_case": lambda: pp.worst_case(ARM, POSE, samples=1000),
+    "stiffness": lambda: pp.stiffness(ARM, POSE, rated=100.0, goal=1e-6, robots=100),
     "reliability": lambda: pp.reliability(ARM, "200 mm @ 99 %", POSE, samples=1000),
 }
 

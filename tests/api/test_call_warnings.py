@@ -20,6 +20,7 @@ ARM = pp.ErrorModel(
     model().space,
     [source for source in model().sources if source.kind() == "length"],
 )
+SOFT = pp.ErrorModel(ARM.chain, pp.Space(), [pp.sources.JointCompliance(joint="joint1", compliance=1e-6)])
 INSIDE = [0.1, 0.2, 0.3, 0.4]
 OUTSIDE = [0.1, 0.2, 9.0, 0.4]
 SAMPLED = {"samples": 1024}
@@ -42,6 +43,7 @@ CALLS = {
     "budget": lambda q: pp.budget(ARM, q, **SAMPLED),
     "worst_case": lambda q: pp.worst_case(ARM, q, **SAMPLED),
     "exact_law": lambda q: pp.exact_law(ARM, q, **SAMPLED),
+    "stiffness": lambda q: pp.stiffness(SOFT, q, robots=2),
     "reliability": lambda q: pp.reliability(ARM, "200 mm", q, **SAMPLED),
 }
 

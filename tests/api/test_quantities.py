@@ -67,6 +67,12 @@ CASES = {
         ).errors,
         "0 0 100 mm", (0, 0, 0.1), "0 0 3 deg",
     ),
+    "stiffness.rated": (
+        lambda given: pp.stiffness(MODEL, [0.1, 0.2, 0.3, 0.4], robots=2, rated=given).rated, "2 kN", 2000.0, "3 kg"
+    ),
+    "stiffness.goal": (
+        lambda given: pp.stiffness(MODEL, [0.1, 0.2, 0.3, 0.4], robots=2, goal=given).goal, "1 um/N", 1e-6, "3 mm"
+    ),
     "box_places.x": (lambda given: pp.box_places(given, 0, 0), "400 500 mm", (0.4, 0.5), "3 deg"),
     "box_places.y": (lambda given: pp.box_places(0, given, 0), "40 cm", 0.4, "3 deg"),
     "box_places.z": (lambda given: pp.box_places(0, 0, given), ["40 cm", 0], (0.4, 0), "3 deg"),
@@ -114,8 +120,10 @@ NOT_QUANTITIES = {
     "map_poses.confidence", "moments.confidence", "monte_carlo.confidence", "path_law.probability", "path_law.confidence",
     "population.confidence", "relative.confidence", "reliability.confidence", "sample_poses.confidence",
     "worst_case.k", "worst_case.confidence", "allocate.seconds", "progress.delay", "compensate.weights",
+    "stiffness.confidence",
     # directions and matrices
     "inverse_kinematics.wanted", "inverse_kinematics.tool_axis", "plane_places.u", "plane_places.v", "Measurement.facing",
+    "stiffness.axes",
     "Orientation.rotations", "Orientation.tool_axis", "Correlation.matrix", "Term.twist",
     # arrays of measured or computed numbers
     "iso9283_distance.commanded_pair", "iso9283_distance.attained_pair", "iso9283_of.commanded", "iso9283_of.attained",

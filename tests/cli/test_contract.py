@@ -16,6 +16,7 @@ robot: gantry.urdf
 poses: {out: [250 mm, 30 deg], home: [0 mm, 0 deg]}
 sources:
   - joint_offset: {joint: y_axis, offset: {uniform: 0.1 mm}}
+  - joint_compliance: {joint: y_axis, compliance: 1e-8 m/N}
 allocate:
   specs: ['5 mm @ 90 %']
   tolerances: [{path: 'joint_offset[y_axis].offset.uniform', cost: {reciprocal: 1 mm}, max: 1 mm}]

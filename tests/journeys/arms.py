@@ -160,6 +160,7 @@ READERS: dict[str, tuple[str, ...]] = {
     "path": ("--all-poses", "--samples", "100"),
     "compare": ("--samples", "200", "--set", "statics=equilibrium"),
     "compensate": ("--all-poses",),
+    "stiffness": ("--robots", "50"),
     "allocate": (),
 }
 """Arguments beside the sheet; ``allocate`` needs its key in the sheet."""

@@ -13,14 +13,13 @@ _MOST_DRAWN = 12
 
 def prepare(request: Asked) -> Job:
     """Return the stiffness at the poses of a command line."""
-    poses, options = request.read_poses(), request.options
+    poses, options = request.read_pose_set(), request.options
     from precision_pin.analyses.stiffness.stiffness import stiffness
     from precision_pin.model.error_model import ErrorModel
 
-    sheet = poses.noted_in(request.sheet)
     names = ("rated", "axes", "robots", "goal", "seed")
     run = partial(
-        stiffness, ErrorModel.from_sheet(sheet), [pose.where for pose in poses], findings=sheet.findings,
+        stiffness, ErrorModel.from_sheet(request.sheet), poses, findings=request.sheet.findings,
         **{name: options[name] for name in names},
     )  # fmt: skip
 
@@ -93,10 +92,7 @@ DECLARATION = Declaration(
             metavar='"1 um/N"', read=_read("--goal", "1 um/N", lambda units, text: units.parse(text, units.LINEAR_COMPLIANCE)),
         ),
         *("poses", "target", "chain"),
-        Option(
-            "--robots", "robots", "Built robots of the law.", int, 1000, "N",
-            check="precision_pin.sampling.blocks:check_samples", group=SAMPLING,
-        ),
+        Option("--robots", "robots", "Built robots of the law.", int, 1000, "N", group=SAMPLING),
         *("seed", "json", "out", "messages"),
     ),
     prepare=prepare,

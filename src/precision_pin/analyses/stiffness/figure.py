@@ -38,12 +38,6 @@ def figure(result: StiffnessResult, which: int = 0) -> Figure:
     return chart
 
 
-def draw(axes: Axes, result: StiffnessResult, which: int, quantity: str) -> None:
-    """Draw the compliances of forces (``"position"``) or of moments (``"attitude"``) on given axes."""
-    with figure_style.style():
-        (_draw_parts if quantity == "position" else _draw_rotations)(axes, result.poses[which])
-
-
 def _draw_parts(axes: Axes, pose: PoseStiffness) -> None:
     """Draw the compliance along each axis and in the softest direction, stacked by source, with 5 to 95 % of the robots."""
     entries = [*pose.axes, pose.softest]

@@ -20,9 +20,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from precision_pin.analyses.collect import bracketed
-from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, check_request
-from precision_pin.analyses.result import Result, list_warnings
-from precision_pin.base.arguments import check_choice, check_numbers, check_quantity
+from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, approached, listed_poses
+from precision_pin.analyses.result import AnalysisResult, list_warnings, name_pose
+from precision_pin.base.arguments import check_choice, check_numbers, check_quantity, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
 from precision_pin.base.progress import steps_to
@@ -30,8 +30,12 @@ from precision_pin.base.units import FORCE, LINEAR_COMPLIANCE, Quantity
 from precision_pin.draws.draw import Scope
 from precision_pin.model.compliance import Elasticity, ElasticPose
 from precision_pin.model.error_model import ErrorModel, takes_datum
-from precision_pin.render.columns import Column
-from precision_pin.sampling import Progress, check_samples
+from precision_pin.render.columns import Column, frame_row, notebook_table
+from precision_pin.render.html import rendered
+from precision_pin.render.tables import MOST_POSES, data_frame, pose_labels
+from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sampling import Progress
+from precision_pin.sampling.run import check_common
 from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks, tolerance_ranks
 
 if TYPE_CHECKING:
@@ -41,6 +45,8 @@ LEVELS: Final = (0.05, 0.5, 0.95, 0.99)
 """Probabilities of the quantiles over robots."""
 CONTENT: Final = 0.95
 """Share of the robots in the interval of each entry of the compliance."""
+MOST_ROBOTS: Final = 1_000_000
+"""Largest number of robots, whose compliances stay in memory."""
 STEPS: Final = 10
 """Steps up to the rated load."""
 _STRAIGHT: Final = 1e-9
@@ -245,12 +251,12 @@ def number(value: float) -> str:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class StiffnessResult(Result):
+class StiffnessResult(AnalysisResult):
     """Stiffness at one or several poses, along the axes of ``directions``: ``base``, ``tool`` or a vector."""
 
     schema: ClassVar[str] = "precision-pin/stiffness/1"
     KEYS: ClassVar[Keys] = (
-        *("*head", "directions", "rated", "robots=samples", "confidence"),
+        *("*head", "directions", "rated", "robots", "confidence"),
         *("assumptions", "warnings", "findings", "poses"),
     )
     COLUMNS: ClassVar = (
@@ -272,6 +278,8 @@ class StiffnessResult(Result):
 
     directions: str | Array
     rated: float | None
+    robots: int
+    confidence: float
     poses: tuple[PoseStiffness, ...]
 
     @property
@@ -298,6 +306,11 @@ class StiffnessResult(Result):
         return f"along {vector_text(self.directions)}"
 
     @property
+    def labels(self) -> list[str]:
+        """Distinct names of the poses."""
+        return pose_labels([entry.pose.name for entry in self.poses])
+
+    @property
     def softest_pose(self) -> int:
         """Index of the pose with the largest compliance."""
         return int(np.argmax([pose.softest.compliance for pose in self.poses]))
@@ -320,27 +333,37 @@ class StiffnessResult(Result):
         The columns are ``compliance``, ``mean`` and ``std`` over robots, ``q95`` with ``_lower`` and ``_upper``; at the rated
         load ``static_plus`` and ``static_minus`` in mm/kN, ``dead_band`` in mm. ``attrs`` gives the settings.
         """
-        return self._frame()
+        joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
+        lines = [
+            ((label, row.quantity), frame_row(self.COLUMNS, row))
+            for label, pose in zip(self.labels, self.poses, strict=True)
+            for row in self.rows(pose)
+        ]
+        return data_frame(["pose", "quantity"], lines, self.settings() | {"poses": joints})
 
     @property
     def summary(self) -> str:
         """Text of `repr`."""
         softest = 1e6 * self.poses[self.softest_pose].softest.compliance
-        return f"poses {len(self.poses)}, softest {softest:.4g} mm/kN, {self.samples:,} robots, seed {self.provenance.seed}"
-
-    def _title(self) -> str:
-        return "Stiffness"
-
-    def _notes(self) -> list[str]:
-        return [self.how]
+        return (
+            f"poses {len(self.poses)}, softest {softest:.4g} mm/kN, {self.robots:,} robots, seed {self.provenance.seed}"
+        )
 
     @property
     def how(self) -> str:
         """Settings as text."""
         return (
-            f"{self.named_axes}, statics {self.provenance.statics}; {self.samples:,} robots, seed {self.provenance.seed}, "
+            f"{self.named_axes}, statics {self.provenance.statics}; {self.robots:,} robots, seed {self.provenance.seed}, "
             f"intervals at {100 * self.confidence:g} % confidence"
         )
+
+    def _repr_html_(self) -> str:
+        hidden = len(self.poses) - MOST_POSES
+        tables = [
+            notebook_table(self.COLUMNS, self.rows(pose), name_pose(pose.pose)) for pose in self.poses[:MOST_POSES]
+        ]
+        more = [f"… and {hidden:,} more poses"] if hidden > 0 else []
+        return rendered(f"Stiffness of {self.provenance.arm}", tables, [*more, self.how, *self.warnings])
 
 
 def vector_text(vector: Array) -> str:
@@ -352,7 +375,7 @@ def vector_text(vector: Array) -> str:
 @takes_datum
 def stiffness(
     model: ErrorModel,
-    poses: Poses = None,
+    poses: Poses | PoseSet = None,
     *,
     rated: float | str | None = None,
     axes: Literal["base", "tool"] | Sequence[float] | Array = "base",
@@ -369,7 +392,7 @@ def stiffness(
 
     Args:
         model: Chain, draws and sources.
-        poses: A pose (name, joint values, or None for the first) or a list of poses.
+        poses: A pose (name, joint values, or None for the first), a list of poses, or a grid of them.
         rated: Largest force of the static compliance of ISO 9283, N or with a unit; by default only tangents.
         axes: Axes of the forces: ``"base"``, ``"tool"``, or one direction in base axes.
         goal: Largest compliance wanted, m/N or with a unit: in the softest direction, or along the one given.
@@ -387,10 +410,8 @@ def stiffness(
         >>> print(f"{1e6 * pose.softest.compliance:.0f} mm/kN, most by {pose.sources[0].source}")
         803 mm/kN, most by beam[link3]
     """
-    pose_list, findings = check_request(
-        model, poses, seed=seed, confidence=confidence, findings=findings, progress=progress
-    )
-    check_samples(robots)
+    findings = check_common(model, seed=seed, confidence=confidence, findings=findings, progress=progress)
+    check_whole("robots", robots, 1, MOST_ROBOTS)
     force = _positive("rated", rated, FORCE)
     if isinstance(axes, str):
         check_choice("axes", axes, ("base", "tool"))
@@ -406,23 +427,23 @@ def stiffness(
     load = _Loading(
         model, directions, force, _positive("goal", goal, LINEAR_COMPLIANCE), x, confidence, Elasticity(model)
     )
+    names, pose_list, warnings = _listed(model, poses)
     with steps_to(progress, len(pose_list), "poses") as step:
         entries = []
-        for pose, elastic in zip(pose_list, load.elasticity.at_many(pose_list), strict=True):
-            entries.append(load.at(pose, elastic))
+        for name, pose, elastic in zip(names, pose_list, load.elasticity.at_many(pose_list), strict=True):
+            entries.append(load.at(name, pose, elastic))
             step(1)
     softest = max(range(len(entries)), key=lambda k: entries[k].softest.compliance)
     difference = load.difference(pose_list[softest])
     entries[softest] = replace(entries[softest], solved_difference=difference)
-    warnings = []
     if difference is not None and difference > _DIFFERENT:
-        warnings = [
+        warnings += [
             f"robots solved one by one differ from the law by {difference:.2%}: stiffnesses or loads vary too much for "
             "the rest of the mean robot"
         ]
     return StiffnessResult(
         provenance=Provenance.of(model, seed),
-        samples=int(robots),
+        robots=int(robots),
         confidence=confidence,
         directions=directions,
         rated=force,
@@ -430,6 +451,15 @@ def stiffness(
         findings=findings,
         warnings=list_warnings(findings, warnings),
     )
+
+
+def _listed(model: ErrorModel, poses: Poses | PoseSet) -> tuple[Sequence[str], list[Pose], list[str]]:
+    """Return names and poses in order, and a line about those without joint values."""
+    if not isinstance(poses, PoseSet):
+        pose_list = listed_poses(poses)
+        return [model.pose_name(pose) for pose in pose_list], pose_list, []
+    known = poses.of(poses.known)
+    return known.names, list(approached(known)), [poses.unreached] * (poses.unreached != "")
 
 
 def _positive(name: str, value: float | str | None, quantity: Quantity) -> float | None:
@@ -456,7 +486,7 @@ class _Loading:
         """Every component at its mean, ``(d, 1)``."""
         return self.model.bare.space.mean[:, None]
 
-    def at(self, pose: Pose, elastic: ElasticPose) -> PoseStiffness:
+    def at(self, name: str, pose: Pose, elastic: ElasticPose) -> PoseStiffness:
         """Return the stiffness at a pose."""
         add(elastic.posture.findings)
         if not elastic.labels:
@@ -471,7 +501,7 @@ class _Loading:
         moves, turns = whole[:3, :3], whole[3:, 3:]
         softest = self._softest(moves, sampled[:3, :3])
         return PoseStiffness(
-            pose=PoseLabel.of(self.model, pose, elastic),
+            pose=replace(PoseLabel.of(self.model, pose, elastic), name=name),
             position=elastic.posture.pose[:3, 3],
             compliance=whole,
             compliance_interval=self._interval(sampled),
