@@ -256,6 +256,7 @@ STATED = [
     {"force": {"at": "tool", "force": ["0 N", {"normal": "5 N"}, "-50 N"]}},
     {"force": {"at": "tool", "magnitude": {"uniform": "1 N", "mean": "9 N"}, "direction": "any"}},
     {"frame": {"frame": "tool", "x": "d.x", "y": "d.y", "rz": {"triangular": "0.1 mrad"}}},
+    {"guide": {"joint": "joint3", "EYX": "10 ± 2 um", "EAX": "50 urad", "length": "1 m"}},
     {"joint_compliance": {"joint": "joint2", "compliance": {"uniform": "1e-6 rad/(N*m)", "mean": "1e-5 rad/(N*m)"}}},
     {"levelling": {"rx": ANGLE, "ry": {"arcsine": "0.1 mrad"}}},
     {"mcpc": {"link": "link1", "alpha": ANGLE, "x": "1 ± 0.1 mm"}},
@@ -302,7 +303,7 @@ def _nodes(path, value):
 @pytest.mark.filterwarnings("ignore::precision_pin.base.errors.PrecisionPinWarning")
 def test_every_path_is_taken_or_refused_with_one_that_is(tmp_path, monkeypatch):
     """Every kind of source and every law: the short path, the setting, what is below it, and the parameter that it names."""
-    (tmp_path / "arm.urdf").write_text(random_arm(3, joints=2), encoding="utf-8")
+    (tmp_path / "arm.urdf").write_text(random_arm(3, joints=3, prismatic=(3,)), encoding="utf-8")
     assert {next(iter(one)) for one in STATED} | {"table"} == set(catalogue())
     wrong, taken, named = [], 0, 0
     # the same arm a thousand times: read once
@@ -314,7 +315,7 @@ def test_every_path_is_taken_or_refused_with_one_that_is(tmp_path, monkeypatch):
         named_laws = {"a": {"uniform": "0.1 mm"}, "d": {"disc": "0.1 mm"}, **dict(parameter)}
         model = pp.ErrorModel.from_dict(
             {
-                "precision-pin": 1, "robot": "arm.urdf", "poses": {"home": "20 40 deg"},
+                "precision-pin": 1, "robot": "arm.urdf", "poses": {"home": ["20 deg", "40 deg", "10 mm"]},
                 "parameters": named_laws, "sources": [{kind: settings}],
             },
             tmp_path,

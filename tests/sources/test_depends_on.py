@@ -48,6 +48,7 @@ SOURCES: list[tuple[Source, Dependence, bool]] = [
     (sources.Encoder(joint="joint4", scale=1e-4), "configuration", False),
     (sources.Force(at="half2", force=(5.0, TOLERANCE, 0.0), axes="link"), "chain", True),
     (sources.Frame(link="link3", x=TOLERANCE, ry=1e-3), "chain", True),
+    (sources.Guide(joint="joint4", EYX=(1e-5, 1e-6), EAX=(1e-4, 1e-5), order=(1.0, 2.0), length=0.7), "configuration", False),
     (sources.JointCompliance(joint="joint2", compliance=1e-5), "loads", False),
     (sources.JointOffset(joint="joint2", offset=TOLERANCE), "chain", True),
     (sources.Length(joint="joint3", parameters=(TOLERANCE,)), "configuration", True),

@@ -125,6 +125,9 @@ SCATTERED = (
     sources.Clearance(joint="joint2", **LOOSE, band=1e6, scope="pose"),
     sources.Transmission(joint="joint2", amplitude=(1e-3, 2e-3), order=(3.0, 50.0)),
     sources.Encoder(joint="joint4", resolution=1e-3, eccentricity=1e-5, radius=0.02),
+    sources.Guide(
+        joint="slide", EXX=(1e-4,), EYX=(2e-4,), EZX=(3e-4,), EAX=(1e-3,), EBX=(2e-3,), ECX=(3e-3,), length=0.4
+    ),
     sources.JointOffset(joint="slide", offset=Uniform(1e-3)),
     sources.Thermal(expansion=Uniform(1e-6), temperature_change=5.0, gradient=9.0, across="y of joint2"),
     sources.JointCompliance(joint="joint2", compliance=Uniform(1e-5, mean=1e-4)),

@@ -300,6 +300,7 @@ def test_words_are_of_settings_that_there_are() -> None:
         "radial_phase",
         "axial_phase",
         "tilt_phase",
+        *(f"{name}_phase" for name in ("EXX", "EYX", "EZX", "EAX", "EBX", "ECX")),
     }
     for kind in KINDS.values():
         assert set(kind.words) <= {*kind.__dataclass_fields__, *own}

@@ -220,7 +220,7 @@ def _field_type(entry: SettingField) -> Any:
     if part is not None:
         made: Any = Annotated[source_model(part), AfterValidator(_make(part))]
         return tuple[made, ...] if entry.is_list else made
-    if hint is FilePath:
+    if FilePath in (hint, *typing.get_args(hint)):
         schema = {"type": "string", "description": "a file, relative to the sheet"}
         return Annotated[Any, BeforeValidator(_read_file), WithJsonSchema(schema)]
     if typing.get_origin(hint) is not Annotated:

@@ -1,5 +1,8 @@
 """Bearings: axis installation (eqs 18, 19), clearance and flexibility, by hand and by free bodies of any arm."""
 
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -13,7 +16,7 @@ from precision_pin.robot.chain import Chain
 from precision_pin.sources.axis_install import AxisInstall
 from precision_pin.sources.payload import Payload
 from support.checks.common import MM, Q7, evaluated, in_base, one_link, same, slanted_arm
-from support.plain_robot import PlainRobot, chain_of, inserted, joint, link, robot, unit
+from support.plain_robot import PlainRobot, chain_of, inserted, joint, limits, link, pose_error, robot, unit
 
 
 def bearing(axis=(0, 0, 1), rpy=(0, 0, 0)) -> Chain:
@@ -228,6 +231,118 @@ def check_run_out(module: ModuleType) -> None:
     apart = ErrorModel(chain, Space(), [module.RunOut(joint="hinge", radial=a, order=1, phases="independent")])
     slopes = apart.at([0.7]).table.displacement_slopes(apart.space.mean)[0].slopes[:2]
     same(slopes @ apart.space.covariance @ slopes.T, np.eye(2) * a**2 / 2, 1e-20)
+
+
+ERRORS = ("EXX", "EYX", "EZX", "EAX", "EBX", "ECX")
+RAIL = """\
+travel [mm], ECX [urad], EXX [um], EBX [urad], EYX [um], EAX [mrad], EZX [um]
+500, 300, 40, -200, 90, 0.5, -70
+-100, -900, -20, 400, -30, -0.1, 50
+100, 100, 10, 0, 30, 0.3, -10
+"""
+
+
+def measured_rail(travel: float) -> np.ndarray:
+    """Return the six errors of RAIL, SI, half way between rows that are further out."""
+    rows = {
+        -0.1: (-20, -30, 50, -100, 400, -900),
+        0.0: (-5, 0, 20, 100, 200, -400),
+        0.1: (10, 30, -10, 300, 0, 100),
+        0.3: (25, 60, -40, 400, -100, 200),
+        0.5: (40, 90, -70, 500, -200, 300),
+    }
+    return 1e-6 * np.array(rows[travel])
+
+
+def two_slides(axis=(1.0, 0.0, 0.0)) -> tuple[Chain, Callable[..., np.ndarray]]:
+    """Return two slides and a tool, and the tool's pose as a product of matrices with E after the motion of each slide."""
+    first, second, tool = (0.1, 0.2, 0.3, 0.4, -0.5, 0.9), (0.05, -0.1, 0.6, -1.2, 0.3, 0.2), (0.2, 0.3, -0.4, 0, 0, 0)
+    chain = chain_of(
+        robot(
+            *(link(name) for name in ("base", "table", "ram", "tool")),
+            joint("x", "prismatic", "base", "table", first[:3], first[3:], axis, limits(-0.2, 0.8)),
+            joint("y", "prismatic", "table", "ram", second[:3], second[3:], (0, 1, 0), limits(-0.5, 0.5)),
+            joint("flange", "fixed", "ram", "tool", tool[:3]),
+        )
+    )
+
+    def placed(six):
+        result = inserted([*six[:3], 0, 0, 0])
+        result[:3, :3] = Rotation.from_euler("xyz", six[3:]).as_matrix()
+        return result
+
+    def pose(x, y, errors=((0,) * 6, (0,) * 6)):
+        one = placed(first) @ inserted([*(x * np.array(axis)), 0, 0, 0]) @ inserted(errors[0])
+        return one @ placed(second) @ inserted([0, y, 0, 0, 0, 0]) @ inserted(errors[1]) @ placed(tool)
+
+    return chain, pose
+
+
+def check_guide(module: ModuleType) -> None:
+    # X, Y, Z are the frame's for a joint along x, and the next ones in turn for others
+    turns = {(1, 0, 0): (0, 1, 2), (0, 1, 0): (1, 2, 0), (0, 0, 1): (2, 0, 1)}
+    with tempfile.TemporaryDirectory() as name:
+        file = Path(name) / "rail.csv"
+        file.write_text(RAIL, encoding="utf-8")
+        for axis, order in turns.items():
+            chain, pose = two_slides(axis)
+            errors = np.zeros(6)
+            for travel in (-0.1, 0.0, 0.1, 0.3, 0.5):
+                errors[[*order, *(3 + k for k in order)]] = measured_rail(travel)
+                at = ErrorModel(chain, Space(), [module.Guide(joint="x", file=file)]).at([travel, 0.2])
+                same(at.error_at_means, pose_error(pose(travel, 0.2, (errors, np.zeros(6))), pose(travel, 0.2)), 1e-12)
+    # harmonics on both slides, the second along its frame's y; the first over its limits, 1 m
+    chain, pose = two_slides()
+    tolerances = dict(
+        zip(
+            ERRORS, ((30e-6, 8e-6), (20e-6, 6e-6), (10e-6, 4e-6), (5e-4, 1e-4), (4e-4, 2e-4), (3e-4, 3e-4)), strict=True
+        )
+    )
+    sources = [
+        module.Guide(joint="x", **tolerances, order=(1.0, 3.0)),
+        module.Guide(joint="y", EYX=(Uniform(2e-6, mean=20e-6),), length=0.4, short_carriage=True),
+        module.Guide(joint="y", EZX=(12e-6,), order=(2.0,), length=0.4, short_carriage=True),
+    ]
+    model = ErrorModel(chain, Space(), sources)
+    phases = dict(zip(ERRORS, np.linspace(-2.0, 2.5, 12).reshape(6, 2), strict=True))
+    names = {
+        f"guide[x].{name}_phase{suffix}": phases[name][k] for name in ERRORS for k, suffix in enumerate(("", "[1]"))
+    }
+    labels = dict(zip(("y", "z"), model.labels[1:], strict=True))
+    names |= {f"{labels['y']}.EYX_phase": 0.7, f"{labels['z']}.EZX_phase": -1.1}
+    values = {
+        f"{name}.{part}": wave(phase) for name, phase in names.items() for part, wave in (("x", np.cos), ("y", np.sin))
+    }
+    values[f"{labels['y']}.EYX"] = 21e-6
+    x = np.array([values[name] for name in model.space.components])
+    for q in ((0.0, 0.0), (0.35, -0.2), (-0.15, 0.45)):
+        first = [
+            sum(
+                t / 2 * np.sin(2 * np.pi * n * q[0] + phases[name][k])
+                for k, (t, n) in enumerate(zip(tolerances[name], (1, 3), strict=True))
+            )
+            for name in ERRORS
+        ]
+        angles = 2 * np.pi * q[1] / 0.4 + 0.7, 4 * np.pi * q[1] / 0.4 - 1.1
+        straight = 21e-6 / 2 * np.sin(angles[0]), 12e-6 / 2 * np.sin(angles[1])
+        slopes = 21e-6 / 2 * 2 * np.pi / 0.4 * np.cos(angles[0]), 12e-6 / 2 * 4 * np.pi / 0.4 * np.cos(angles[1])
+        # X is y of the frame, Y its z, Z its x; a rise in Y turns the carriage about Z, a rise in Z about -Y
+        second = np.array([straight[1], 0, straight[0], slopes[0], 0, -slopes[1]])
+        expected = pose_error(pose(*q, (first, second)), pose(*q))
+        same(model.at(q).exact(x[:, None])[:, 0], expected, 1e-12)
+    # cov of an error at two travels, a Σ a_n²/2 cos 2πnΔ/L (of an independent code): 6 and 3 µm, orders 1 and 2, 1 m
+    model = ErrorModel(chain, Space(), [module.Guide(joint="x", EXX=(12e-6, 6e-6), order=(1.0, 2.0), length=1.0)])
+    slopes = {
+        lag: model.at([0.05 + lag, 0.0]).table.displacement_slopes(model.space.mean)[0].slopes[0]
+        for lag in (0, 0.1, 0.25, 0.5)
+    }
+    for lag, expected in (
+        (0, 4.743416490252569e-06**2),
+        (0.1, 1.5952882373436316e-11),
+        (0.25, -4.5e-12),
+        (0.5, -1.35e-11),
+    ):
+        same(slopes[0] @ model.space.covariance @ slopes[lag], expected, 1e-21)
 
 
 def check_bearing_stiffness(module: ModuleType) -> None:
