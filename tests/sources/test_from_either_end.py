@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from precision_pin import Chain, ErrorModel, Space, Uniform, sources
 from precision_pin.sources.places import direction_of
 from precision_pin.sources.profiles import Segment
+from precision_pin.sources.strut import StrutEnd
 from support.checks.beam import integrals
 from support.checks.common import evaluated, in_base, one_link
 from support.plain_robot import PlainRobot, chain_of, joint, limits, link, robot, unit
@@ -64,6 +65,13 @@ def mean_errors(chain: Chain, source) -> np.ndarray:
 
 
 TAPER = (Segment(length=0.1, EI_y=30.0, EI_z=90.0, GI=50.0, EA=1e4), Segment(EI_y=500.0, EI_z=150.0, GI=80.0, EA=2e4))
+STRUT = sources.Strut(
+    from_=StrutEnd(link="link1", point=(0.1, 0.2, 0.0)),
+    to=StrutEnd(link="link3", point=(0.0, -0.1, 0.3)),
+    push=300.0,
+    rate=200.0,
+    at_length=0.5,
+)
 LOADED = (
     *(sources.JointCompliance(joint=name, compliance=1e-4) for name in Q),
     *(sources.Transmission(joint=name, stiffness=2e4) for name in Q),
@@ -111,6 +119,23 @@ STILL = (
 def test_what_gives_under_a_load_or_errs_without_one_does_the_same_from_either_end(source, weight):
     forth, back = (mean_errors(chain, source) for chain in chains(weight))
     assert np.linalg.norm(forth) > 1e-6
+    np.testing.assert_allclose(back, seen_from_the_tool(forth), rtol=1e-9, atol=1e-12)
+
+
+def test_a_strut_pulls_the_same_from_either_end():
+    soft = [sources.JointCompliance(joint=name, compliance=1e-6) for name in Q]
+    resting = [ErrorModel(chain, Space(), [*soft, STRUT], statics="equilibrium").at(Q) for chain in chains()]
+    forth, back = (at.error_at_means for at in resting)
+    assert np.linalg.norm(forth) > 1e-4
+    # exactly: the base seen from the tool is the inverse of the tool seen from the base
+    turn, shift = Rotation.from_rotvec(np.array(forth[3:])).as_matrix() @ POSE[:3, :3], POSE[:3, 3] + forth[:3]
+    np.testing.assert_allclose(back[:3], POSE[:3, :3].T @ POSE[:3, 3] - turn.T @ shift, rtol=0, atol=1e-12)
+    soft += [sources.BearingStiffness(joint=name, radial=1e6, tilt=2e4, centre=0.07) for name in Q]
+    soft += [sources.Beam(link=name, EI=3e3, GI=8e2, EA=1e5) for name in ("base", "link1", "half2", "link3", "tool")]
+    forth, back = (
+        at.linear(at.space.mean[:, None])[:, 0]
+        for at in (ErrorModel(chain, Space(), [*soft, STRUT]).at(Q) for chain in chains())
+    )
     np.testing.assert_allclose(back, seen_from_the_tool(forth), rtol=1e-9, atol=1e-12)
 
 

@@ -93,3 +93,9 @@ def test_a_slope_of_the_straightness_is_warned_of(tmp_path, rows, warns):
     sheet = read(written(tmp_path, "guide: {joint: rail, file: rail.csv}", sliding=True))
     found = [finding.message for finding in sheet.findings if finding.code == "W_STRAIGHTNESS"]
     assert [message[:54] for message in found] == ["EZX of guide[rail] rises by 31.2 µm along its travel, "] * warns
+
+
+def test_a_tolerance_about_zero_is_warned_of(tmp_path):
+    sheet = read(written(tmp_path, "guide: {joint: rail, EYX: ±10 um}", sliding=True))
+    (found,) = [finding.message for finding in sheet.findings if finding.code == "W_AMPLITUDE"]
+    assert "(the error's standard deviation is then the tolerance over √8)" in found

@@ -136,7 +136,7 @@ class Guide(Source):
         """Yield a warning for each tolerance that varies about zero, and for a slope of a table's straightness."""
         for name, values in self._tolerances.items():
             for k, value in enumerate(space.values(name, values)):
-                yield from amplitude_remarks(entry_name(name, k), value, space)
+                yield from amplitude_remarks(entry_name(name, k), value, space, "tolerance", "√8")
         travel, errors = self._table
         for row, name in enumerate(_LETTERS):
             if name not in ("EYX", "EZX") or not errors[row].any():

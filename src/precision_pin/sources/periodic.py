@@ -35,11 +35,14 @@ def periodic_terms(
     yield Term.of(JointValue(joint), np.cos(angle), amplitude, space.component(f"{phase}.y"))
 
 
-def amplitude_remarks(field: str, amplitude: Value, space: LabelledSpace) -> Iterator[Finding]:
+def amplitude_remarks(
+    field: str, amplitude: Value, space: LabelledSpace, size: str = "amplitude", divisor: str = "√2"
+) -> Iterator[Finding]:
     """Yield a warning if an amplitude varies about zero.
 
     As the phase is random already, such an error has the standard deviation ``√(E[amplitude²]/2)``, the law's over √2,
-    and is zero in the first-order model, which takes the mean.
+    and is zero in the first-order model, which takes the mean. ``size`` names what is given, the error's standard deviation
+    times ``divisor``.
     """
     if not isinstance(amplitude, Component):
         return
@@ -48,7 +51,7 @@ def amplitude_remarks(field: str, amplitude: Value, space: LabelledSpace) -> Ite
     if deviation > 0 and abs(mean) <= _ROUNDING * deviation:
         message = (
             f"{field} of {space.label} varies about zero, so first-order analyses miss it; the phase is random already: "
-            "write a known amplitude as a plain number (the error's standard deviation is then the amplitude over √2), an "
+            f"write a known {size} as a plain number (the error's standard deviation is then the {size} over {divisor}), an "
             "uncertain one with a mean: above zero"
         )
         yield Finding("warning", "W_AMPLITUDE", message)
