@@ -45,6 +45,12 @@ PICTURES: Final = {
     "compensation.png": ("compensate.md", "compensate 4dof.errors.yaml --grid swing.yaml", "compensation.png"),
     "analysis.png": ("analyze.md", "analyze", "position.png"),
     "map.png": ("map.md", "map example:ur5 --grid table.yaml --relative-to ready", "map-position.png"),
+    "stiffness.png": ("stiffness.md", 'stiffness drill.errors.yaml --rated "300 N"', "stiffness.png"),
+    "stiffness-map.png": (
+        "stiffness.md",
+        "stiffness drill.errors.yaml --grid plate.yaml --set statics=nominal --robots 200",
+        "stiffness-map.png",
+    ),
     "path.png": ("path.md", 'path 4dof.errors.yaml --grid swing.yaml --spec "75 mm @ 90 %"', "path.png"),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
 }

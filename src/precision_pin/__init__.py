@@ -9,7 +9,7 @@ JointNormal.
 Poses: ApproachedPose, Datum, random_poses, joint_grid, place_grid, box_places, plane_places, Orientation, read_trajectory,
 inverse_kinematics, Posture, Postures, mcpc.
 Understand: monte_carlo, sample_poses, sample_approaches, relative, budget, worst_case, exact_law, reliability, moments,
-map_poses, pose_covariance, path_law; results MonteCarloResult, PosesResult.
+map_poses, pose_covariance, path_law, stiffness; results MonteCarloResult, PosesResult.
 Decide: compare, compensate, allocate.
 Write: init, report, view, export, simulate; result Page.
 Measure: iso9283, iso9283_of, iso9283_distance, forecast_calibration, plan_calibration, calibrate, population,

@@ -20,6 +20,12 @@ _COLOURS: Final = (BLUE, SKY, GREEN, PURPLE, "#F0E442")
 _AXIS_COLOURS: Final = (BLUE, VERMILION, GREEN)
 _COLOUR_MAP: Final = "cividis_r"
 _LETTERS: Final = 40
+_MAP_WIDTH: Final = 120.0
+"""Width of a map of a single view, mm."""
+_VIEWS: Final = ((0, 1), (0, 2), (1, 2))
+"""Axes of the views of a map: from above, and from the sides."""
+_FLAT: Final = 0.02
+"""Relative extent of the places below which a view shows a line."""
 
 
 def figure(result: StiffnessResult, which: int = 0) -> Figure:
@@ -41,7 +47,8 @@ def figure(result: StiffnessResult, which: int = 0) -> Figure:
 def _draw_parts(axes: Axes, pose: PoseStiffness) -> None:
     """Draw the compliance along each axis and in the softest direction, stacked by source, with 5 to 95 % of the robots."""
     entries = [*pose.axes, pose.softest]
-    named, others = pose.sources[:_PARTS], pose.sources[_PARTS:]
+    ranked = sorted(pose.sources, key=lambda part: -max(part.compliance, *part.axes))
+    named, others = ranked[:_PARTS], ranked[_PARTS:]
     bars = [(part.source, np.append(part.axes, part.compliance)) for part in named]
     if others:
         rest = np.sum([np.append(part.axes, part.compliance) for part in others], axis=0)
@@ -95,22 +102,25 @@ def map_figure(result: StiffnessResult) -> Figure:
     places = 1e3 * np.array([pose.position for pose in result.poses])
     sizes = 1e6 * np.array([pose.softest.compliance for pose in result.poses])
     ways = np.array([pose.softest.direction for pose in result.poses])
-    caption = f"{figure_style.caption('softest compliance', result.provenance, result.poses[0].pose)}\n{result.how}"
-    order = np.argsort(sizes)
+    softest, order = result.poses[result.softest_pose], np.argsort(sizes)
+    caption = f"{figure_style.caption('softest compliance', result.provenance, softest.pose)}: {answer(softest)}\n{result.how}"
+    extent = np.ptp(places, axis=0)
+    views = [pair for pair in _VIEWS if extent[list(pair)].min() > _FLAT * extent.max()] or _VIEWS[:1]
     with figure_style.style():
-        chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
-        panels = chart.subplots(1, 2)
-        for axes, (first, second) in zip(panels, ((0, 1), (0, 2)), strict=True):
-            marks = axes.scatter(*places[order][:, [first, second]].T, c=sizes[order], cmap=_COLOUR_MAP, s=18, zorder=2)
+        chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN if len(views) > 1 else _MAP_WIDTH)
+        panels = chart.subplots(1, len(views), squeeze=False)[0]
+        for axes, view in zip(panels, map(list, views), strict=True):
+            marks = axes.scatter(*places[order][:, view].T, c=sizes[order], cmap=_COLOUR_MAP, s=24, zorder=2)
             axes.quiver(
-                *places[:, [first, second]].T, *ways[:, [first, second]].T, pivot="middle", headwidth=1, headlength=0,
-                headaxislength=0, width=0.003, scale=18, color=VERMILION, zorder=3,
+                *places[:, view].T, *ways[:, view].T, pivot="middle", headwidth=1, headlength=0, headaxislength=0,
+                width=0.003, units="height", scale=18, color=VERMILION, zorder=3,
             )  # fmt: skip
-            axes.set_aspect("equal", "datalim")
-            axes.set_xlabel(f"{'xyz'[first]} [mm]")
-            axes.set_ylabel(f"{'xyz'[second]} [mm]")
-        chart.colorbar(marks, ax=panels, label="softest compliance [mm/kN]")
-        softest = result.poses[result.softest_pose]
+            axes.set_aspect("equal")
+            axes.margins(0.08)
+            axes.locator_params(nbins=6)
+            for name, row in zip((axes.set_xlabel, axes.set_ylabel), view, strict=True):
+                name(f"{'xyz'[row]} [mm]")
+        chart.colorbar(marks, ax=panels, label="softest compliance [mm/kN]", shrink=0.8)
         title = f"{len(places):,} poses: {sizes.min():.4g} to {sizes.max():.4g} mm/kN in the softest direction (lines)"
-        figure_style.frame(chart, [], title, f"{caption}; softest: {answer(softest)}", 72.0)
+        figure_style.frame(chart, [], title, caption, 84.0)
     return chart

@@ -287,8 +287,8 @@ class StiffnessResult(AnalysisResult):
         """Assumptions of the numbers, one sentence each."""
         return (
             "a stiffness along an axis is one over the compliance: force along the axis, free sideways",
-            "a force acts on the tip's link at the target and keeps its direction; friction neither holds a joint nor helps it",
-            "a dead band is the displacement that friction can hold back when a force comes after the stop",
+            "a force acts on the tip's link at the target and keeps its direction; friction counts in the dead band only",
+            "a dead band is the displacement that friction may prevent when a force comes after the stop",
             "law: what differs between robots, each visit's draws at their means",
         )
 
@@ -408,7 +408,7 @@ def stiffness(
         >>> model = pp.ErrorModel.load("4dof.errors.yaml")
         >>> pose = pp.stiffness(model, robots=100).poses[0]
         >>> print(f"{1e6 * pose.softest.compliance:.0f} mm/kN, most by {pose.sources[0].source}")
-        803 mm/kN, most by beam[link3]
+        2208 mm/kN, most by beam[link2]
     """
     findings = check_common(model, seed=seed, confidence=confidence, findings=findings, progress=progress)
     check_whole("robots", robots, 1, MOST_ROBOTS)

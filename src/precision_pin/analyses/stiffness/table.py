@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from precision_pin.analyses.result import answer_of, subject
 from precision_pin.analyses.stiffness.stiffness import (
     Direction,
@@ -17,6 +19,8 @@ from precision_pin.render.columns import Column, text_lines
 from precision_pin.render.tables import percent
 from precision_pin.render.text_table import aligned, limited, remainder
 
+_EVEN: Final = 1e-4
+"""Relative difference between steps that is none."""
 _PARTS: Final = 8
 """Elastic sources listed."""
 _SHOWN: Final = 3
@@ -73,17 +77,20 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
         *text_lines(_columns(result, pose), result.rows(pose)),
     ]
     if pose.solved_difference is not None:
-        lines += ["", f"softest and stiffest robot solved one by one: within {pose.solved_difference:.2%} of the law"]
+        lines += [
+            "",
+            f"softest and stiffest robot solved one by one: {100 * pose.solved_difference:.2g} % from the law",
+        ]
     lines += ["", f"what gives way along {vector_text(pose.softest.direction)}:", *aligned(_part_rows(result, pose))]
     lines += remainder(len(pose.sources) - len(pose.sources[: limited(_PARTS)]), "parts")
     if pose.goal is not None:
         low, high = pose.goal.interval
         lines.append(
             f"within {number(1e6 * pose.goal.limit)} mm/kN: {percent(pose.goal.probability)} % of robots, interval "
-            f"{percent(low)} to {percent(high)} %; all parts together {pose.goal.together:.3g} times as stiff"
+            f"{percent(low)} to {percent(high)} %"
+            + (f"; all parts together × {pose.goal.together:.3g}" if pose.goal.together > 1 else "")
         )
-    if pose.static_compliance:
-        lines += ["", "static compliance along the force, mm/kN:", *aligned(_step_rows(pose), words=1)]
+    lines += _step_lines(pose)
     if pose.dead_band:
         names = [entry.axis for entry in pose.axes]
         rows = [["held by friction", *(f"{name} mm" for name in names)]]
@@ -99,20 +106,29 @@ def _columns(result: StiffnessResult, pose: PoseStiffness) -> list[Column]:
 
 
 def _part_rows(result: StiffnessResult, pose: PoseStiffness) -> list[list[str]]:
-    rows = [["", "share", "mm/kN", *(["stiffer alone"] if pose.goal else [])]]
+    rows = [
+        ["mm/kN", "share", "softest", *(entry.axis for entry in pose.axes), *(["stiffer alone"] if pose.goal else [])]
+    ]
     for part in pose.sources[: limited(_PARTS)]:
-        row = [visible(part.source), f"{percent(part.share)} %", number(1e6 * part.compliance)]
+        sizes = (number(1e6 * size) for size in (part.compliance, *part.axes))
+        row = [visible(part.source), f"{percent(part.share)} %", *sizes]
         if pose.goal is not None:
-            row.append("not alone" if part.factor is None else f"× {part.factor:.3g}")
+            row.append("not alone" if part.factor is None else "kept" if part.factor == 1.0 else f"× {part.factor:.3g}")
         rows.append(row)
     return rows
 
 
-def _step_rows(pose: PoseStiffness) -> list[list[str]]:
-    steps = next(iter(pose.static_compliance.values()))
-    rows = [["force N", *(f"{force:g}" for force in steps.force)]]
-    rows += [[name, *(number(1e6 * c) for c in entry.compliance)] for name, entry in pose.static_compliance.items()]
-    return rows
+def _step_lines(pose: PoseStiffness) -> list[str]:
+    """Return the static compliance at each step of the load, or that it is the tangent's."""
+    if not pose.static_compliance:
+        return []
+    entries = [*pose.static_compliance.items()]
+    first = entries[0][1]
+    if all(np.ptp(entry.compliance) <= _EVEN * entry.compliance.max() for _, entry in entries):
+        return ["", f"static compliance: the same at every step of {first.step:g} N up to {first.rated:g} N"]
+    rows = [["force N", *(f"{force:g}" for force in first.force)]]
+    rows += [[name, *(number(1e6 * c) for c in entry.compliance)] for name, entry in entries]
+    return ["", "static compliance along the force, mm/kN:", *aligned(rows, words=1)]
 
 
 def _overview(result: StiffnessResult) -> list[str]:
