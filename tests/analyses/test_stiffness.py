@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import precision_pin as pp
-from precision_pin.analyses.stiffness.figure import figure, map_figure
+from precision_pin.analyses.stiffness.figure import ComplianceLayer, figure, map_figure, stiffness_chapter
 from precision_pin.analyses.stiffness.table import table
 from precision_pin.model.compliance import Elasticity
 from precision_pin.sources import Beam, BearingStiffness, Force, JointCompliance, Payload, Servo, Transmission
@@ -294,6 +294,37 @@ def test_what_is_shown():
     drawn = figure(result)
     assert drawn.axes[1].get_xlabel() == "force [N]"
     assert len(result.to_pandas()) == 8
+
+
+def test_the_layer_draws_what_forces_of_one_size_do():
+    model, drawn = laws(), []
+    poses = [ANGLES, ANGLES + 0.4, ANGLES]
+    layer = ComplianceLayer.of(pp.stiffness(model, poses, robots=10))
+    assert layer.positions.shape == (2, 3)
+
+    class Recorder:
+        def surface(self, path, vertices, faces, colour, pose):
+            drawn.append((path, vertices, faces))
+
+    layer.draw(Recorder(), 10.0)
+    assert {path[0] for path, _, _ in drawn} == {"stiffness"}
+    # all at one scale: half the distance of the places for the softest
+    reach = 0.5 * np.linalg.norm(layer.positions[0] - layer.positions[1])
+    balls = np.concatenate([vertices for _, vertices, _ in drawn]).reshape(2, -1, 3)
+    for angles in poses[:2]:
+        tip = np.array([jacobian(angles)[2, 0], 0.0, -jacobian(angles)[0, 0]])
+        ball = balls[np.linalg.norm(balls.mean(axis=1) - tip, axis=1).argmin()] - tip
+        size = reach * np.linalg.eigvalsh(by_hand(angles)[:3, :3])[-1] / layer.sizes.max()
+        assert 0.95 * size < np.linalg.norm(ball, axis=1).max() <= size * (1 + 1e-9)
+    assert all(faces.max() < len(vertices) for _, vertices, faces in drawn)
+    assert 'id="show-stiffness"' in layer.legend()
+
+
+def test_a_grid_is_a_chapter_of_the_report():
+    chapter = stiffness_chapter(pp.stiffness(laws(), [ANGLES, ANGLES + 0.4], robots=100))
+    assert chapter.answers[0].startswith("Stiffness, softest of 2 poses: 100 N move the tool by up to")
+    assert "free sideways" in str(chapter.section)
+    assert "figure-stiffness-map" in str(chapter.section)
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,10 @@
 
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from precision_pin.analyses.declaration import INPUTS, SAMPLING, Asked, Declaration, Files, Job, Option
+from precision_pin.analyses.declaration import INPUTS, SAMPLING, Asked, Declaration, Files, Job, Option, PagePart
 from precision_pin.base.errors import InputError, UnitError
 
 # poses of which each has a figure
@@ -97,4 +98,11 @@ DECLARATION = Declaration(
     ),
     prepare=prepare,
     is_sampled=False,
+    part=PagePart(
+        Option(
+            "--stiffness", "stiffness_file", "Show how far the tool gives way over a grid, a file as for --grid.",
+            kind=Path, metavar="FILE.yaml",
+        ),
+        place=15, chapter="figure:stiffness_chapter", layer="figure:ComplianceLayer", poses="grid", is_first=True,
+    ),
 )  # fmt: skip

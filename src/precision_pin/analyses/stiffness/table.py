@@ -74,7 +74,7 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
         subject(result.provenance, pose.pose),
         result.how,
         "",
-        *text_lines(_columns(result, pose), result.rows(pose)),
+        *text_lines(shown_columns(result, pose), result.rows(pose)),
     ]
     if pose.solved_difference is not None:
         lines += [
@@ -99,7 +99,8 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
     return lines
 
 
-def _columns(result: StiffnessResult, pose: PoseStiffness) -> list[Column]:
+def shown_columns(result: StiffnessResult, pose: PoseStiffness) -> list[Column]:
+    """Return the columns that have values at a pose."""
     unused = set() if pose.static_compliance else {"plus", "minus"}
     unused |= set() if pose.dead_band else {"band"}
     return [column for column in result.COLUMNS if column.value not in unused]
