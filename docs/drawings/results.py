@@ -52,6 +52,16 @@ PICTURES: Final = {
         "stiffness-map.png",
     ),
     "path.png": ("path.md", 'path 4dof.errors.yaml --grid swing.yaml --spec "75 mm @ 90 %"', "path.png"),
+    "cheap-arm.png": (
+        "cheap-arm.md",
+        'analyze example:so101 --pose stretched --set "parameters.load={fixed: 300 g}" --samples 20000',
+        "position.png",
+    ),
+    "cheap-arm-corrected.png": (
+        "cheap-arm.md",
+        'compensate example:so101 --all-poses --set "parameters.load={fixed: 300 g}"',
+        "compensation.png",
+    ),
     "your-arm-position.png": ("your-arm.md", "analyze mine.errors.yaml --samples 20000", "position.png"),
 }
 """The page that holds the sheet, the command, and the picture to take, by the name of its file."""

@@ -352,6 +352,32 @@ def what_makes_up_for_sag(sag, *printed):
 
 
 @answers(
+    r"62 postures: the drill gives way by ([\d.]+) to ([\d.]+) mm",
+    *[
+        rf"walks {name} at ([\d.]+) m: ([\d.]+) mm, gives way ([\d.]+) mm; 95 % within ([\d.]+) mm"
+        for name in ("least", "most")
+    ],
+)
+def in_which_pose_should_a_robot_drill(low, high, *printed):
+    # J diag(1/k) Jᵀ F with Pinocchio's Jacobian, in the postures of another search at the two places
+    arm, soft = pp.Chain.from_urdf("example:ur10", tip="tool0"), 1 / np.array([67e3, 67e3, 67e3, 10e3, 10e3, 10e3])
+    factors = np.random.default_rng(3).uniform(0.8, 1.2, (6, 20_000))
+    for reach, walk, give, within in np.reshape(printed, (2, 4)):
+        place = np.diag([1.0, -1.0, -1.0, 1.0])
+        place[:3, 3] = reach, 0.0, 0.3
+        shifts, tops = [], []
+        for q in pp.inverse_kinematics(arm, place).q.T:
+            jacobian = levers_of("example:ur10", "tool0", np.degrees(q))
+            parts = 1e3 * jacobian * (soft * jacobian[2] * 300.0)
+            shifts.append(parts.sum(axis=1))
+            tops.append(np.quantile(np.linalg.norm(parts @ factors, axis=0), 0.95))
+        walks = np.hypot(*np.transpose(shifts)[:2])
+        one = int(np.argmin(np.abs(walks - walk)))
+        assert [walks[one], shifts[one][2], tops[one]] == pytest.approx([walk, give, within], abs=0.02)
+        assert low - 0.01 <= give <= high
+
+
+@answers(
     r"repeatability from one side: ([\d.]+) mm",
     r"from both sides: ([\d.]+) mm",
     r"the two sides are apart by ([\d.]+) mm",
