@@ -199,6 +199,7 @@ def _calibration_calls():
             "std": POSITIVE, "target_known": "true", "attitude_std": "nothing, one half", "cone": POSITIVE, "facing": OPTIONAL,
             "plane": OPTIONAL, "sockets": EMPTY, "load": f"nothing, {EMPTY}", "columns": "empty text", "std_known": "true",
             "target_name": TEXT, "base_name": TEXT, "stands_at": OPTIONAL, "sight": OPTIONAL,
+            "drift": OPTIONAL,
         },
     )  # fmt: skip
 

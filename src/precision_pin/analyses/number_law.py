@@ -591,3 +591,21 @@ def _density(x: Array, std: float, mean: float) -> Array:
 def _rule(nodes: int) -> tuple[Array, Array]:
     points, weights = np.polynomial.legendre.leggauss(nodes)
     return points, weights
+
+
+_POLE: Final = 0.5 - 1e-9
+"""Bracket of the saddlepoint, just inside the poles at 2 w t = 1 (largest weight scaled to 1)."""
+
+
+def tail(weights: Array, ratio: float, degrees: float) -> float:
+    """Return the probability that ``Σ w χ²`` of one degree each exceeds ``ratio`` times chi-square of ``degrees``.
+
+    A saddlepoint approximation (Kuonen 1999).
+    """
+    if (scale := float(weights.max())) <= 0:
+        return 0.0 if degrees > 0 else 1.0
+    w, number = np.append(weights, -ratio) / scale, np.append(np.ones(weights.size), degrees)
+    t = optimize.brentq(lambda t: number @ (w / (1 - 2 * w * t)), _POLE / w.min(), _POLE, maxiter=1000)
+    exponent, curvature = -number @ np.log1p(-2 * w * t) / 2, 2 * number @ (w / (1 - 2 * w * t)) ** 2
+    root, v = np.sign(t) * np.sqrt(max(-2 * exponent, 0.0)), t * np.sqrt(curvature)
+    return 0.5 if abs(root) < 1e-3 else float(special.ndtr(-root - np.log(v / root) / root))

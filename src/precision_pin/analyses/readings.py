@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import compress
 from typing import Final, NamedTuple
 
@@ -165,12 +165,18 @@ class Readings(Fixed):
         model, measurement: Arm and instrument.
         q: Joint values of each reading, ``(n, P)``, rad and m.
         values: What the instrument shows, ``(P, m)``, m and rad.
+        times: When each reading is taken, s or a number of readings, ``(P,)``; empty if the instrument does not drift.
+        fixed: Times and numbers of readings of fixed targets, ``(F,)``, and what the instrument shows, ``(F, 3)``, m.
     """
 
     model: ErrorModel
     measurement: Measurement
     q: Array
     values: Array
+    times: Array = field(default_factory=lambda: np.zeros(0))
+    fixed: tuple[Array, NDArray[np.intp], Array] = field(
+        default_factory=lambda: (np.zeros(0), np.zeros(0, int), np.zeros((0, 3)))
+    )
 
     def to_csv(self, comments: Sequence[str] = ()) -> str:
         """Return the file that ``calibrate`` reads, below comments."""
@@ -178,7 +184,22 @@ class Readings(Fixed):
         columns = np.asarray(np.linalg.solve(self.measurement.mixing(self.model.chain), self.q), dtype=float)
         # what no column can say is said by the sheet
         kind, std = self.measurement.kind, None if self.measurement.sight else self.measurement.std
-        return readings_csv(self.model.chain, columns, kind, self.values, std, comments)
+        headings, rows = _rows(self.model.chain, columns, kind, self.values, std)
+        if (drift := self.measurement.drift) is not None:
+            times, targets, values = self.fixed
+            # a target that stands still has no joint values, and no attitude
+            joints, ends = [""] * len(columns), [""] * (self.values.shape[1] - 3)
+            ends += [] if std is None else [f"{1e3 * std:.6f}"]
+            fixed = zip(targets.tolist(), *_readings(COLUMNS["position"], values)[1], strict=True)
+            rows = [[*row, ""] for row in rows] + [
+                [*joints, *cells, *ends, f"T{target + 1}"] for target, *cells in fixed
+            ]
+            moments = np.concatenate([self.times, times])
+            # readings are counted by the rows of the file, a clock has a column
+            clock = [] if drift.is_counted else [f"{moment:.6f}" for moment in moments]
+            rows = [[*rows[k], *clock[k : k + 1]] for k in np.argsort(moments, kind="stable").tolist()]
+            headings += ["fixed", *(["time [s]"] if clock else [])]
+        return csv_text(headings, rows, comments)
 
     def to_cycles(self, cycles: int, comments: Sequence[str] = ()) -> str:
         """Return the file that ``iso9283 --measured`` reads, if each pose was read ``cycles`` times in a row."""
@@ -228,7 +249,17 @@ def simulate(
     approaches = None if approaches is None else np.repeat(approaches, cycles, axis=1)
     stations = stations_of(model, q, instrument, approaches)
     simulated = simulate_readings(stations, instrument, model, seed=seed, first=unit)[:, :, 0]
-    return Readings(model, instrument, q, as_measured(simulated, stations, instrument))
+    values = as_measured(simulated, stations, instrument)
+    if instrument.drift is None:
+        return Readings(model, instrument, q, values)
+    times, fixed_times, targets = instrument.drift.schedule(q.shape[1])
+    generator = np.random.default_rng([seed, 2, unit])
+    walk, white = instrument.drift.walk(np.concatenate([times, fixed_times]), generator), generator.standard_normal
+    places = generator.uniform(-1, 1, (instrument.drift.fixed, 3))[targets]
+    roots = np.linalg.cholesky(instrument.point_covariances(places))
+    values[:, :3] += walk[: times.size]
+    fixed = places + walk[times.size :] + np.einsum("fij,fj->fi", roots, white(places.shape))
+    return Readings(model, instrument, q, values, times, (fixed_times, targets, fixed))
 
 
 def as_measured(readings: Array, stations: tuple[Station, ...], measurement: Measurement) -> Array:
@@ -250,14 +281,14 @@ def with_later_draws(model: ErrorModel, x: Array, seed: int, pose: int, visit: i
     return model.space.sample(seed, first, x.shape[1], pose=pose, visit=visit)
 
 
-def readings_csv(chain: Chain, q: Array, kind: str, readings: Array, std: float | None, comments: Sequence[str]) -> str:
-    """Return readings ``(P, m)`` (m, rad; ``std`` in m) of one robot as ``calibrate`` reads them, below comments."""
+def _rows(chain: Chain, q: Array, kind: str, readings: Array, std: float | None) -> tuple[list[str], list[list[str]]]:
+    """Return headings and rows of readings ``(P, m)`` (m, rad; ``std`` in m) of one robot, as ``calibrate`` reads them."""
     headings, columns = joint_cells(chain, q)
     value_columns, values = _readings(COLUMNS[kind], readings)
     if std is not None:
         value_columns.append("std [mm]")
         values.append([f"{1e3 * std:.6f}"] * len(readings))
-    return csv_text([*headings, *value_columns], zip(*columns, *values, strict=True), comments)
+    return [*headings, *value_columns], [*map(list, zip(*columns, *values, strict=True))]
 
 
 def cycles_csv(names: Sequence[str], cycles: int, kind: str, readings: Array, comments: Sequence[str]) -> str:

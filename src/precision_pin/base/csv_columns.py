@@ -174,18 +174,18 @@ def columns_for(file: str, text: str | None, files: Iterable[str | None], usual:
     Left out are those of columns that only others of the ``files`` have. Without a text, the entries of ``usual`` texts
     for columns that the file has.
     """
-    others = {name for path in files if path not in (None, file) for name in _names_in(path)}
+    others = {name for path in files if path not in (None, file) for name in names_in(path)}
     if text is not None and not others:
         return text
-    names = _names_in(file)
+    names = names_in(file)
     listed = dict.fromkeys(entry.strip() for value in (usual if text is None else [text]) for entry in value.split(","))
     named = [(entry, entry.partition("=")[0].strip()) for entry in listed]
     is_kept = names.__contains__ if text is None else lambda name: name in names or name not in others
     return ",".join(entry for entry, name in named if is_kept(name))
 
 
-def _names_in(file: str) -> set[str]:
-    """Return the names of a file's columns, empty if it cannot be read."""
+def names_in(file: str) -> set[str]:
+    """Return the names of a file's columns, as written and without units; empty if it cannot be read."""
     header = list[str]()
     with suppress(OSError, InputError, csv.Error), open(file if os.path.isfile(file) else os.devnull, "rb") as stream:
         lines = [*filter(is_row, stream.read(_HEAD).decode("utf-8-sig", "replace").splitlines()), "", ""]

@@ -45,6 +45,7 @@ from precision_pin.base.csv_columns import ColumnNames
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
+from precision_pin.sheet.drift import Drift, DriftEntry
 from precision_pin.sheet.settings import SettingError, placed
 from precision_pin.sheet.sight import DIRECTIONS, Sight, SightEntry
 from precision_pin.sources.payload import Payload
@@ -181,7 +182,7 @@ class Slopes(NamedTuple):
 
 
 _KEYS: Final = (
-    *("kind", "std", "std_known", "sight", "stands_at", "attitude_std", "target", "base", "target_known"),
+    *("kind", "std", "std_known", "sight", "stands_at", "drift", "attitude_std", "target", "base", "target_known"),
     *("anchor", "plane", "sockets", "visible_from", "facing", "cone", "target_name", "base_name", "load", "nuisances"),
 )
 """Keys of the JSON."""
@@ -206,6 +207,9 @@ class Measurement:
             instrument is estimated).
         stands_at: Where the instrument stands in the base, m, for ``along`` and ``across``; by default ``visible_from``,
             or with a free base the origin of the readings' axes.
+        drift: ``{"std": "20 um", "every": "1 h"}``, of a position or pose: a random walk of the instrument along each axis,
+            its standard deviation after a time or ``"100 readings"``. Before anything is read, ``pace`` is the time from a
+            reading to the next, ``fixed`` the number of targets that stand still, read again after ``fixed_every``.
         target: The target in tool axes from the tip, m, independent of the model's target.
         base: ``"known"``: readings are in base axes. ``"free"``: the robot's base in the instrument's axes is unknown
             and estimated; for a distance, a plane and sockets their place, from the given initial values.
@@ -257,6 +261,7 @@ class Measurement:
     std_known: bool = True
     stands_at: tuple[float, float, float] | None = None
     sight: Sight | None = None
+    drift: Drift | None = None
 
     def __post_init__(self) -> None:
         check_choice("the kind of a measurement", self.kind, KINDS)
@@ -279,6 +284,7 @@ class Measurement:
         self._check_places()
         self._check_visibility()
         self._check_sight()
+        self._check_drift()
         if self.load is not None:
             load = check_items("the load of a measurement", self.load, Payload)
             if any(payload.draws("load") or isinstance(payload.mass, str) for payload in load):
@@ -348,6 +354,15 @@ class Measurement:
         origin = np.zeros((1, 3)) if self.station is None else -np.array([self.station])
         self._fix("std", float(np.sqrt(np.trace(self.sight.covariance(np.zeros(3), origin)[0]) / 3)))
 
+    def _check_drift(self) -> None:
+        if isinstance(self.drift, Mapping):
+            self._fix("drift", Drift.of(self.drift))
+        if self.drift is None:
+            return
+        check_instance("drift of a measurement", self.drift, Drift, "{'std': '20 um', 'every': '1 h'}")
+        if self.kind not in ("position", "pose"):
+            raise InputError(f"drift belongs to the measurement of a position or a pose, not of a {self.kind}")
+
     @property
     def station(self) -> tuple[float, float, float] | None:
         """Where the instrument stands in the base, m; ``None`` if only the readings tell."""
@@ -413,6 +428,13 @@ class Measurement:
                 )
             result[:3, :3] = self.sight.covariance(np.array(self.station), self._nominal(pose)[None])[0]
         return result
+
+    def point_covariances(self, points: Array) -> Array:
+        """Return the covariances ``(N, 3, 3)`` of points ``(N, 3)`` that the instrument reads, in the axes of its readings, m."""
+        origin = self.station if self.base == "known" else None if self.station else (0.0, 0.0, 0.0)
+        if self.sight is None or origin is None:
+            return np.tile(self.std**2 * np.eye(3), (len(points), 1, 1))
+        return self.sight.covariance(np.array(origin), points)
 
     @property
     def unknown_deviations(self) -> dict[str, NDArray[np.bool_]]:
@@ -609,6 +631,9 @@ class MeasurementEntry(BaseModel):
     stands_at: str | None = Field(
         None, description="Where the instrument stands, in base axes, if std is along its line of sight and across it."
     )
+    drift: DriftEntry | None = Field(
+        None, description="A slow motion of the instrument, of a position or pose, such as {std: 20 um, every: 1 h}."
+    )
     attitude_std: str | None = Field(
         None, description="Standard deviation of a measured angle of a pose (default: std / 100 mm)."
     )
@@ -641,7 +666,18 @@ class MeasurementEntry(BaseModel):
     )
 
 
-_READ: Final = ("attitude_std", "std", "target", "anchor", "sockets", "visible_from", "facing", "cone", "stands_at")
+_READ: Final = (
+    "attitude_std",
+    "std",
+    "drift",
+    "target",
+    "anchor",
+    "sockets",
+    "visible_from",
+    "facing",
+    "cone",
+    "stands_at",
+)
 """Settings of numbers, in reading order: the first error is reported."""
 # quantities of settings that are no lengths
 _NO_LENGTHS: Final = {
@@ -706,6 +742,9 @@ def _read(path: tuple[str | int, ...], text: Any) -> Any:
         with placed("std"):
             Sight.of(text.model_dump())
         return text.model_dump()
+    if isinstance(text, DriftEntry):
+        with placed("drift"):
+            return Drift.of(text.model_dump())
     if path == ("std",) and text.strip() == ESTIMATE:
         return ESTIMATE
     name = next(key for key in reversed(path) if isinstance(key, str))

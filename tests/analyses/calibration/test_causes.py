@@ -8,9 +8,10 @@ from scipy import stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, plain_model, random_poses, readings_of
-from precision_pin.analyses.calibration.causes import TOLERANCE, columns_of, rank, tail, weigh
+from precision_pin.analyses.calibration.causes import TOLERANCE, columns_of, rank, weigh
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.fit import Problem
+from precision_pin.analyses.number_law import tail
 from precision_pin.sources import Backlash, JointCompliance, Transmission
 
 TRACKER = pp.Measurement(std=20e-6)

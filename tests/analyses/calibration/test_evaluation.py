@@ -138,7 +138,7 @@ def test_the_suspect_joint_is_that_of_the_dense_projector():
     name, ratio = _suspect_joint(problem, fit)
     white, projector = problem.whiten(problem.residuals(fit.z, fit.nuisances)), fit.estimator.residual_projector()
     values, expected = np.zeros((2, 4))
-    for station, places, span, root in problem.at_stations:
+    for station, places, span, root in zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True):
         by_error = FREE.slopes(station.at.posture.pose, station.at.error_at_means, fit.nuisances).error
         for row in station.rows:  # each reading is a visit
             is_of_row = (places[0] == row)[:, None]

@@ -18,6 +18,7 @@ from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
 from precision_pin.analyses.calibration.causes import Cause, cause_warnings, find_causes
 from precision_pin.analyses.calibration.data import CalibrationData, check_data, check_directions, read_data
+from precision_pin.analyses.calibration.drift import drift_warnings
 from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.calibration.forecast import (
     PosesOutcome,
@@ -100,7 +101,8 @@ class CalibrationResult(PosesOutcome):
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
         *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "in_sheet", "intervals"),
         *("poses", "residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
-        *("improvement", "noise", "lines=data.lines", "data=given", "kinematics=original.chain.kinematics", "findings"),
+        *("improvement", "noise", "drift=data.sessions", "lines=data.lines", "data=given"),
+        *("kinematics=original.chain.kinematics", "findings"),
     )
 
     has_prior: bool
@@ -242,7 +244,10 @@ class CalibrationResult(PosesOutcome):
         several = {"measured_by": data.part, "visit": data.visit} if len(data.measurements) > 1 else {}
         extras = ("std", data.std), ("axis_ratios", data.axis_ratios), ("group", data.group)
         optional = {name: values for name, values in extras if values.size}
-        return {"joints": joints, "q": data.q.T, "readings": data.readings, **optional, **several}
+        readings = data.readings.copy()
+        for session in data.sessions:
+            readings[session.rows, :3] += session.left.mean
+        return {"joints": joints, "q": data.q.T, "readings": readings, **optional, **several}
 
     def __repr__(self) -> str:
         return (
@@ -369,6 +374,7 @@ def calibrate(
             *fitting.model_warnings(clean, fit, chance, has_prior=prior),
             *cause_warnings(causes),
             *fitting.std_warnings(noise),
+            *drift_warnings(readings.sessions),
             *improvement_warnings(improvement),
         ),
     )

@@ -3,8 +3,8 @@
 Whitened readings are ``y = G a + H z + N n + e`` with z of unit covariance (the sheet), n without prior, and a zero if the
 sheet is complete. With S the residual matrix of y, the residuals are S y, and the score by a at a = 0 is G'S y with the
 covariance A = G'S G. For amplitudes of one unknown variance the most powerful test against small ones is the quadratic form
-|G'S y|². Its tail is a saddlepoint approximation (Kuonen 1999). The probabilities of all causes, which depend on each other, are
-combined by Cauchy variables (Liu and Xie 2020). Causes that are found compete by their largest likelihood over that variance.
+|G'S y|². The probabilities of all causes, which depend on each other, are combined by Cauchy variables (Liu and Xie 2020). Causes
+that are found compete by their largest likelihood over that variance.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 from scipy import stats
 
 from precision_pin.analyses.calibration.design import Estimator
 from precision_pin.analyses.calibration.fit import LEVEL, Fit, Problem, leave_out
 from precision_pin.analyses.calibration.forecast import normal_interval
+from precision_pin.analyses.number_law import tail
 from precision_pin.base.arrays import Array, Record
 from precision_pin.base.errors import Finding, some
 from precision_pin.terms import at_means
@@ -36,8 +36,6 @@ _UNSEEN: Final = 1e-9
 """Share of a direction that set-up and arm must leave for it to be tested."""
 _VARIANCES: Final = np.logspace(-3, 8, 111)
 """Variances of amplitudes at which the likelihood is evaluated, over the mean variance of their estimates."""
-_POLE: Final = 0.5 - 1e-9
-"""Bracket of the saddlepoint, just inside the poles at 2 w t = 1 (largest weight scaled to 1)."""
 
 Label = tuple[str, str, str]
 """Kind of a cause, its joint and unit."""
@@ -83,17 +81,6 @@ class Cause(Record):
         low, high = (f"{scale * bound:.3g}" for bound in self.interval)
         where = f" of {self.joint}{' and others' * self.is_shared}" if self.joint else ""
         return f"{self.kind}{where} ({scale * self.size:.3g} {unit}; 95 %: {low} to {high})"
-
-
-def tail(weights: Array, ratio: float, degrees: float) -> float:
-    """Return the probability that ``Σ w χ²`` of one degree each exceeds ``other`` times chi-square of ``degrees``."""
-    if (scale := float(weights.max())) <= 0:
-        return 0.0 if degrees > 0 else 1.0
-    w, number = np.append(weights, -ratio) / scale, np.append(np.ones(weights.size), degrees)
-    t = scipy.optimize.brentq(lambda t: number @ (w / (1 - 2 * w * t)), _POLE / w.min(), _POLE, maxiter=1000)
-    exponent, curvature = -number @ np.log1p(-2 * w * t) / 2, 2 * number @ (w / (1 - 2 * w * t)) ** 2
-    root, v = np.sign(t) * np.sqrt(max(-2 * exponent, 0.0)), t * np.sqrt(curvature)
-    return 0.5 if abs(root) < 1e-3 else float(stats.norm.sf(root + np.log(v / root) / root))
 
 
 class CauseScore(NamedTuple):

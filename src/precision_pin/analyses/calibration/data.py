@@ -7,8 +7,9 @@ There is a column for each joint and each number of a reading, with its unit in 
 ``rx ry rz`` of a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the
 standard deviation of the row's lengths, or ``sx sy sz`` that of each, in the axes of the readings; ``group`` a whole
 number for rows that are left out together. At contact no reading is needed: ``height`` over a plane, and ``x y z``
-from the socket, default to zero. ``x1 y1 z1 x2 …`` are several targets on the tool. Times are ignored; a cell that is
-empty, nan or NA is a missing reading.
+from the socket, default to zero. ``x1 y1 z1 x2 …`` are several targets on the tool. A cell that is empty, nan or NA is a
+missing reading. Times are ignored, but where the instrument may drift: then a row with a name in the column ``fixed`` is
+of a target that stands still, whatever the joints are, and so is each row of a file without joints, with that column.
 
 A quick fit of the nominal arm finds joint zeros and directions that no tolerance can explain.
 """
@@ -26,6 +27,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
+from precision_pin.analyses.calibration.drift import NO_FIXED_READINGS, FixedReadings, Session
 from precision_pin.analyses.readings import COLUMNS, joint_cells
 from precision_pin.base import csv_columns, se3, units
 from precision_pin.base.arguments import check_numbers, check_path
@@ -37,6 +39,7 @@ from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.configurations import joint_quantity
 from precision_pin.robot.joint_columns import recorded
+from precision_pin.sheet.drift import Drift
 from precision_pin.sheet.measurement import Measurement, written_sums
 
 _CONTACT: Final = ("plane", "socket")
@@ -64,6 +67,7 @@ class CalibrationData(Record):
         part, visit: Number of each reading's measurement, ``(P,)``, and of its visit: readings of one were taken
             together.
         findings: What was left out.
+        sessions: Readings of one instrument after another that may have drifted; ``readings`` are less what is known of it.
     """
 
     q: Array
@@ -78,6 +82,7 @@ class CalibrationData(Record):
     visit: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     findings: tuple[Finding, ...] = ()
     axis_ratios: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    sessions: tuple[Session, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.part.size:
@@ -104,6 +109,7 @@ def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, 
     if isinstance(data, tuple | list):
         is_listed = len(measurements) > 1 or all(isinstance(entry, str | os.PathLike) for entry in data)
         sources = list(data) if is_listed else sources
+    sources, fixed_files = _without_fixed(model, sources)
     if len(sources) not in (1, len(measurements)):
         raise InputError(
             f"{len(sources)} files or arrays of data and {len(measurements)} measurement{'s' * (len(measurements) > 1)}: list "
@@ -111,11 +117,11 @@ def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, 
         )
     measurement_groups = [measurements] if len(sources) == 1 else [(measurement,) for measurement in measurements]
     parts = []
-    for source, source_measurements in zip(sources, measurement_groups, strict=True):
+    for k, (source, source_measurements) in enumerate(zip(sources, measurement_groups, strict=True)):
         if isinstance(source, tuple | list) and len(source) == 2 and len(source_measurements) == 1:
             parts.append(_read_arrays(model, source[0], source[1], source_measurements[0]))
         else:
-            parts.append(_read_file(model, check_path("the data", source), source_measurements))
+            parts.append(_read_file(model, check_path("the data", source), source_measurements, fixed_files.get(k)))
     return parts[0] if len(parts) == 1 else _concatenate(parts)
 
 
@@ -151,7 +157,28 @@ def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
         np.concatenate([part.visit + k for part, k in zip(parts, visit_offsets, strict=False)]),
         tuple(finding for part in parts for finding in part.findings),
         ratios,
+        tuple(
+            session.moved(int(k))
+            for part, k in zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)
+            for session in part.sessions
+        ),
     )
+
+
+def _without_fixed(model: ErrorModel, sources: list[Any]) -> tuple[list[Any], dict[int, str]]:
+    """Return the sources of the arm's readings, and the file of fixed targets of each, which follows it."""
+    others, fixed = list[Any](), dict[int, str]()
+    for source in sources:
+        names = csv_columns.names_in(os.fspath(source)) if isinstance(source, str | os.PathLike) else set()
+        if _FIXED not in names or names & set(model.chain.joint_names):
+            others.append(source)
+        elif not others or len(others) - 1 in fixed:
+            raise _error(
+                os.fspath(source), "a file of fixed targets follows the file of the readings that it belongs to"
+            )
+        else:
+            fixed[len(others) - 1] = os.fspath(source)
+    return others, fixed
 
 
 def _padded(readings: Array, width: int) -> Array:
@@ -187,7 +214,15 @@ def _read_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Meas
     if not len(selected):
         raise _error("", "no valid readings; check units and missing cells")
     columns, lines, empty = np.ascontiguousarray(q[:, selected]), tuple((selected + 1).tolist()), np.zeros(0)
-    return CalibrationData(columns, values, empty, empty, "", lines, (measurement,), ("",), findings=tuple(findings))
+    sessions = tuple[Session, ...]()
+    if measurement.drift is not None:
+        if not measurement.drift.is_counted:
+            raise _error("", "arrays have no times; give a file with a column of them, or drift: {every: 100 readings}")
+        sessions = (Session.of(np.arange(len(lines)), selected.astype(float), NO_FIXED_READINGS, measurement.drift),)
+    parts = (measurement,), ("",)
+    return CalibrationData(
+        columns, values, empty, empty, "", lines, *parts, findings=tuple(findings), sessions=sessions
+    )
 
 
 def _missing_findings(quantity: str, is_missing: NDArray[np.bool_], lines: Sequence[int], path: str) -> list[Finding]:
@@ -212,21 +247,28 @@ def _drop_copies(rows: Sequence[object], lines: Sequence[int], path: str) -> tup
     return list(first_rows.values()), [warning]
 
 
-def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ...]) -> CalibrationData:
-    joints = model.chain.joint_names
+def _read_file(
+    model: ErrorModel, path: str, measurements: tuple[Measurement, ...], fixed_path: str | None = None
+) -> CalibrationData:
+    joints, drift = model.chain.joint_names, measurements[0].drift
+    if any(measurement.drift != drift for measurement in measurements):
+        raise _error(path, "several measurements read the file with different drift")
     si = {joint.name: joint_quantity(joint).si for joint in model.chain.joints}
     names = csv_columns.ColumnNames.parse(", ".join(dict.fromkeys(m.columns for m in measurements if m.columns)))
     read_names = "|".join({name for measurement in measurements for name in COLUMNS[measurement.kind]})
     is_reading = re.compile(rf"(?:{read_names}|s[xyz])_?[0-9A-Za-z]*|std|group").fullmatch
+    clock = _Clock.of(path, names, joints, drift, fixed_path)
     table = csv_columns.read(
         path,
+        clock.texts,
         columns=lambda cells, row: recorded(cells, row, si, names),
-        known=lambda name: name in joints or is_reading(name),
-        ignored=[name for name in csv_columns.TIMES if name not in joints],
+        known=lambda name: name in joints or is_reading(name) or name in (*clock.texts, clock.name),
+        ignored=[name for name in csv_columns.TIMES if name not in (*joints, clock.name.casefold())],
         may_miss=True,
     )
+    is_fixed = np.array([bool(text) for text in table.texts.get(_FIXED, ())] or np.zeros(len(table.rows)), dtype=bool)
     targets = [target for m in measurements for target in _targets(table, joints, m, path, len(measurements) == 1)]
-    _check_columns(model.chain, table, targets, path)
+    _check_columns(model.chain, table, targets, path, clock.name)
     if len({measurement.coupled for measurement in measurements}) > 1:
         raise _error(path, "several measurements read the file with different coupled joints")
     q = np.array([table.column(joint.name, joint_quantity(joint)) for joint in model.chain.joints])
@@ -247,18 +289,18 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
     q = model.chain.configurations.taken(q)
     extras = [values for values in (std, group) if values.size]
     has_pose = np.isfinite(np.vstack([q, *extras])).all(axis=0)
-    unread = [*filter(None, table.texts)]
+    unread = [name for name in table.texts if name not in ("", *clock.texts)]
     are = "s {} are" if len(unread) > 1 else " {} is"
     notes = [f"the column{are.format(some(unread, 6))} not read"] * bool(unread)
     notes += [f"read as columns of {table.recorder}"] * bool(table.recorder)
     findings = [Finding("note", "N_COLUMN", note, path, 1) for note in notes]
-    findings += _missing_findings("a joint value, std or group", ~has_pose, table.lines, path)
+    findings += _missing_findings("a joint value, std or group", ~has_pose & ~is_fixed, table.lines, path)
     unique, repeats = list(range(q.shape[1])), list[Finding]()
     if any(columns for _, columns in targets):
         texts = list(zip(*table.texts.values(), strict=True)) if table.texts else [()] * q.shape[1]
         row_contents = [(row.tobytes(), text) for row, text in zip(table.rows, texts, strict=True)]
         unique, repeats = _drop_copies(row_contents, table.lines, path)
-    is_new = np.isin(np.arange(q.shape[1]), unique) & has_pose
+    is_new = np.isin(np.arange(q.shape[1]), unique) & has_pose & ~is_fixed
     target_readings = [_values(table, columns, target) for target, columns in targets]
     complete = [np.hstack(pair) for pair in zip(target_readings, target_stds, strict=True)]
     read_masks = [np.asarray(np.isfinite(values).all(axis=1)) for values in complete]
@@ -279,6 +321,13 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
         axis_stds = np.array([target_stds[k] for k in present])[part, reading_rows]
         row_std = np.sqrt((axis_stds**2).mean(axis=1))
         ratios = axis_stds / row_std[:, None]
+    sessions = tuple[Session, ...]()
+    if clock.is_needed:
+        other = table if fixed_path is None else csv_columns.read(fixed_path, (_FIXED,), columns=names, may_miss=True)
+        times, fixed = clock.times(table), _fixed_readings(other, clock, targets[present[0]])
+        session = Session.of(np.arange(part.size), times[reading_rows], fixed, drift)
+        readings[:, :3] -= session.left.mean
+        sessions = (session,)
     return CalibrationData(
         np.ascontiguousarray(q[:, reading_rows]),
         readings,
@@ -292,7 +341,94 @@ def _read_file(model: ErrorModel, path: str, measurements: tuple[Measurement, ..
         reading_rows,
         tuple(findings),
         ratios,
+        sessions,
     )
+
+
+_FIXED: Final = "fixed"
+"""Column with the names of targets that stand still."""
+
+
+class _Clock(NamedTuple):
+    """When the rows of a file were read: its column of times, empty where rows are counted, and its columns of text."""
+
+    name: str
+    texts: tuple[str, ...]
+    is_needed: bool
+
+    @classmethod
+    def of(
+        cls,
+        path: str,
+        columns: csv_columns.ColumnNames,
+        joints: Sequence[str],
+        drift: Drift | None,
+        fixed_path: str | None,
+    ) -> _Clock:
+        """Return the clock of a file; raise if it has none and needs one."""
+        in_file = csv_columns.names_in(path)  # empty if it cannot be read, which is said where it is
+        names = [*in_file, *(name for name, _ in columns.names.values())]
+        texts = (_FIXED,) if _FIXED in names and _FIXED not in joints else ()
+        is_needed = drift is not None or bool(texts) or fixed_path is not None
+        if not is_needed or (drift is not None and drift.is_counted and fixed_path is None):
+            return cls("", texts, is_needed)
+        if drift is not None and drift.is_counted:
+            raise _error(
+                fixed_path or path, "a file of fixed targets needs drift: {every: 1 h}, a time and not readings"
+            )
+        times = sorted(name for name in names if _is_time(name) and name not in joints)
+        if not times and in_file:
+            needs = "drift" if drift is not None else "a fixed target"
+            hint = "" if fixed_path else ", or rows that are counted, drift: {every: 100 readings}"
+            raise _error(path, f"{needs} needs the time of each reading, a column such as time [s]{hint}", 1)
+        return cls(times[0] if times else "", texts, True)
+
+    def times(self, table: csv_columns.Measured) -> Array:
+        """Return the time of each row, s or a number of rows; raise for one that is missing or negative."""
+        if not self.name:
+            return np.arange(len(table.rows), dtype=float)
+        name = next((name for name in (self.name, *table.names) if name in table.names and _is_time(name)), None)
+        if name is None:
+            raise _error(table.file, "fixed targets need the time of each reading, a column such as time [s]", 1)
+        unit = table.unit_of(name, units.TIME) or csv_columns.TIMES[name.casefold()]
+        if unit not in units.TIME.units:
+            allowed = ", ".join(units.TIME.units)
+            raise _error(table.file, f"{unit!r} of the column {name!r} is not a unit of time; allowed: {allowed}", 1)
+        times: Array = table.rows[:, table.names.index(name)] * units.TIME.units[unit]
+        if (wrong := np.flatnonzero(~(times >= 0))).size:
+            row = int(wrong[0])
+            what = "missing" if np.isnan(times[row]) else f"negative: {times[row]:.6g} s"
+            raise _error(table.file, f"the time is {what}", table.lines[row])
+        return times
+
+
+def _is_time(name: str) -> bool:
+    return name.casefold() in csv_columns.TIMES
+
+
+def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target) -> FixedReadings:
+    """Return the readings of fixed targets, in the columns of a target; raise for one that is read once."""
+    measurement, columns = target
+    labels = np.array(table.texts.get(_FIXED, ("",) * len(table.rows)))
+    rows = np.flatnonzero(labels != "")
+    if rows.size and measurement.kind not in ("position", "pose"):
+        raise _error(table.file, f"fixed targets are read as positions or poses, not as a {measurement.kind}", 1)
+    if rows.size and not measurement.std_known:
+        raise _error(table.file, "fixed targets need the std of the instrument, not std: estimate", 1)
+    points = _values(table, columns[:3], measurement)
+    rows = rows[np.isfinite(points[rows]).all(axis=1)]
+    names, numbers, counts = np.unique(labels[rows], return_inverse=True, return_counts=True)
+    if (counts == 1).any():
+        name = names[counts == 1][0]
+        line = table.lines[int(rows[labels[rows] == name][0])]
+        raise _error(table.file, f"the fixed target {name} is read once; read it again later, or leave it out", line)
+    stds = _axis_stds(table, columns[:3])
+    if "std" in table.names:
+        stds = np.repeat(np.array(table.column("std", units.LENGTH))[:, None], 3, axis=1)
+    covariances = measurement.point_covariances(points[rows])
+    if stds.size:
+        covariances = np.where(np.isnan(stds), measurement.std, stds)[rows, :, None] ** 2 * np.eye(3)
+    return FixedReadings(clock.times(table)[rows], numbers, points[rows], covariances)
 
 
 _Target = tuple[Measurement, tuple[str, ...]]
@@ -343,11 +479,11 @@ def _targets(
     return [(measurement, columns(*numbers) if numbers else components)]
 
 
-def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[_Target], path: str) -> None:
+def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[_Target], path: str, time: str) -> None:
     """Raise for columns that are missing, unknown, or without a unit."""
     read_names = tuple(dict.fromkeys(name for _, columns in targets for name in columns))
     std_names = _std_columns(read_names)
-    known_names = (*chain.joint_names, *read_names, *std_names, "std", "group")
+    known_names = (*chain.joint_names, *read_names, *std_names, "std", "group", *([time] if time else []))
     for name in table.names:
         if name not in known_names:
             hint = f"or ignore it: --columns '{name}=ignore' (readings of {targets[0][0].kind})"

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, wraps
 from itertools import compress
-from typing import ClassVar, Final, ParamSpec, TypeVar
+from typing import ClassVar, Final, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -32,6 +32,8 @@ from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.drift import drift_ahead
+from precision_pin.analyses.calibration.noise import Common
 from precision_pin.analyses.readings import Station, measurement_of, stations_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
@@ -43,6 +45,7 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
+from precision_pin.sheet.drift import Drift
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
 
 Given = ParamSpec("Given")
@@ -135,16 +138,60 @@ def read_poses(model: ErrorModel, poses: object) -> tuple[Array, tuple[str, ...]
     return values, names
 
 
+class ReadingsAhead(NamedTuple):
+    """Whitened derivatives of readings that are to be taken, each number as if read alone.
+
+    By z ``(P, m, r)``, by nuisances ``(P, m, k)``, and by a shift of the instrument's axes at this reading ``(P, m, 3)``; with
+    the ``drift`` of the instrument, and the ``std`` that its readings of fixed targets have.
+    """
+
+    by_z: Array
+    by_nuisance: Array
+    by_shift: Array
+    drift: Drift | None
+    std: float
+
+    def taken(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return the derivatives ``(M, r)`` and ``(M, k)`` where some readings are taken in this order, with the drift then."""
+        if self.drift is None:
+            return flat(self.by_z[rows]), flat(self.by_nuisance[rows])
+        left = drift_ahead(self.drift, len(rows), self.std)
+        *stacks, by_shift = self._scattered(rows, left.own)
+        common = Common(flat(by_shift @ left.factors))
+        by_z, by_nuisance = (common.whiten(flat(stack)) for stack in stacks)
+        return by_z, by_nuisance
+
+    def apart(self, count: int) -> tuple[Array, Array]:
+        """Return the stacks ``(P, m, r)`` and ``(P, m, k)`` as if the drift were of each reading alone.
+
+        Its variance is the mean of what fixed targets leave in so many readings.
+        """
+        if self.drift is None:
+            return self.by_z, self.by_nuisance
+        variance = float((drift_ahead(self.drift, count, self.std).std ** 2).mean())
+        by_z, by_nuisance, _ = self._scattered(np.arange(len(self.by_z)), np.full(len(self.by_z), variance))
+        return by_z, by_nuisance
+
+    def _scattered(self, rows: NDArray[np.intp], variances: Array) -> tuple[Array, Array, Array]:
+        """Return the stacks of some readings, each with a further variance ``(R,)`` along each axis."""
+        stacks = self.by_z[rows], self.by_nuisance[rows], self.by_shift[rows]
+        more = variances[:, None, None] * stacks[2] @ stacks[2].swapaxes(1, 2)
+        roots = np.linalg.cholesky(np.eye(more.shape[1]) + more)
+        by_z, by_nuisance, by_shift = (np.linalg.solve(roots, stack) for stack in stacks)
+        return by_z, by_nuisance, by_shift
+
+
 def stack_at_means(
     stations: Sequence[Station], unit: UnitNumbers, measurement: Measurement, factor: float = 1.0
-) -> tuple[Array, Array]:
-    """Return the whitened derivatives of all readings at the means: by z ``(P, m, r)`` and by nuisances ``(P, m, k)``.
+) -> ReadingsAhead:
+    """Return the whitened derivatives of all readings at the means.
 
     The standard deviations of the readings are the instrument's times ``factor``.
     """
     count = sum(len(station.rows) for station in stations)
     by_z, points = np.zeros((count, measurement.size, unit.root.shape[1])), np.zeros((count, measurement.size))
     by_nuisance = np.zeros((count, measurement.size, len(measurement.nuisances)))
+    by_shift = np.zeros((count, measurement.size, 3))
     zero = np.zeros(len(measurement.nuisances))
     for station in stations:
         rows = list(station.rows)
@@ -158,9 +205,17 @@ def stack_at_means(
         white = scipy.linalg.solve_triangular(root, np.tile(derivatives, (len(rows), 1)), lower=True)
         parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
         by_z[rows], by_nuisance[rows] = parts
+        by_shift[rows] = _shifts(root, len(rows), measurement.size)
     single_part, deviations = np.zeros(count, dtype=np.intp), np.full(count, factor * measurement.std)
     unseen = Instruments((measurement,)).unseen_turns(single_part, points, deviations)
-    return by_z, without(by_nuisance, unseen)
+    return ReadingsAhead(by_z, without(by_nuisance, unseen), by_shift, measurement.drift, factor * measurement.std)
+
+
+def _shifts(root: Array, readings: int, size: int) -> Array:
+    """Return the whitened derivatives ``(R, m, 3)`` of readings at one pose by a shift of the axes at each."""
+    inverse = scipy.linalg.solve_triangular(root, np.eye(len(root)), lower=True)
+    blocks = inverse.reshape(readings, size, readings, size)[np.arange(readings), :, np.arange(readings)]
+    return blocks @ np.eye(size, 3)
 
 
 def without(derivatives: Array, unseen: Array) -> Array:
@@ -449,7 +504,7 @@ def determined_by(stations: Sequence[Station], unit: UnitNumbers, measurement: M
     """Return the identifiability from readings at some stations, at the means."""
     # a number determined by another forms a combination too: columns are numbers, not independent ones
     plain = replace(unit, root=np.diag(unit.std))
-    by_number, by_nuisance = stack_at_means(stations, plain, measurement)
+    by_number, by_nuisance, *_ = stack_at_means(stations, plain, measurement)
     return of_stack(unit.names, flat(by_number), flat(by_nuisance), measurement.nuisances, len(by_number))
 
 

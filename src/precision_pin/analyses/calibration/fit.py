@@ -34,6 +34,7 @@ from precision_pin.analyses.calibration.design import (
     stations_of_data,
     without,
 )
+from precision_pin.analyses.calibration.drift import common_factors
 from precision_pin.analyses.calibration.evaluation import Evaluation, Point
 from precision_pin.analyses.calibration.instrument import instrument_covariance
 from precision_pin.analyses.calibration.noise import Noise, Places, blocks_of
@@ -81,6 +82,7 @@ class Problem:
         visit: Readings of one visit were taken together, ``(P,)``.
         start: First nuisances, ``(k,)``.
         evaluation: The model at all stations, also at those that :meth:`without` omits.
+        common: Factors ``(P, m, k)`` of what readings share, in their axes: what remains of the instrument's drift.
     """
 
     model: ErrorModel
@@ -92,6 +94,7 @@ class Problem:
     visit: NDArray[np.intp]
     start: Array
     evaluation: Evaluation
+    common: Array
 
     @classmethod
     def of(cls, model: ErrorModel, data: CalibrationData) -> tuple[Problem, tuple[Array, ...]]:
@@ -105,7 +108,11 @@ class Problem:
         bases, start = first_guess(data, tips, instruments)
         readings = readings_in_base(data, poses, bases)
         noise = instrument_covariance(data, readings, bases)
-        return cls(model, instruments, stations, readings, noise, data.part, data.visit, start, evaluation), bases
+        rotations = np.array([base[:3, :3].T for base in bases])[data.part]
+        common = common_factors(data.sessions, readings.shape, rotations)
+        return cls(
+            model, instruments, stations, readings, noise, data.part, data.visit, start, evaluation, common
+        ), bases
 
     @cached_property
     def deviations(self) -> Array:
@@ -178,7 +185,7 @@ class Problem:
             instrument = self.instrument_at(block.places)
             covariances.append(instrument + visit * (visits[:, :, None] == visits[:, None]) + pose)
         try:
-            return Noise(self.readings.shape, blocks, covariances)
+            return Noise(self.readings.shape, blocks, covariances, self.common)
         except np.linalg.LinAlgError:
             for station, places in zip(self.stations, self.places, strict=True):
                 station.noise_root(by_error[places], self.instrument_at(places), self.visit[places[0]])
@@ -186,7 +193,7 @@ class Problem:
 
     @property
     def roots(self) -> tuple[Array, ...]:
-        """Lower root of the noise of each station's readings."""
+        """Lower root of the noise of each station's readings, apart from what stations share."""
         return self.noise.roots
 
     def at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
@@ -210,11 +217,6 @@ class Problem:
         limits = [bounds_of(draw.law, k) for draw in self.model.space.draws for k in range(draw.law.size)]
         low, high = (np.array(limits)[unit.columns].T - unit.mean) / unit.std
         return low, high
-
-    @property
-    def at_stations(self) -> Iterator[tuple[Station, Places, slice, Array]]:
-        """Each station with its entries of ``places``, ``spans`` and ``roots``."""
-        return zip(self.stations, self.places, self.spans, self.roots, strict=True)
 
     def without(self, rows: Collection[int]) -> Problem:
         """Return the problem without some readings, which keep their places in the arrays."""
@@ -449,12 +451,14 @@ def leave_out(
     """Return readings less the prediction of a fit without their group, from residuals ``(P, m)`` and groups ``(P,)``.
 
     With T = R^(-1/2)ᵀ Q and Q of :meth:`Estimator.leverage_root`, those of a group are the inverse of its block of R⁻¹ - T Tᵀ
-    times its rows of R⁻¹ r, and that inverse is their covariance. They are those of ``local``, their covariance that of
-    ``estimator``: a number that stops at a bound follows no reading, but is not known.
+    times its rows of R⁻¹ r, and that inverse is their covariance; R⁻¹ is that of the stations less what these share. They are
+    those of ``local``, their covariance that of ``estimator``: a number that stops at a bound follows no reading, but is not
+    known.
     """
     shape, parts = residuals.shape, [estimator, *([] if local is estimator else [local])]
     pull, (noise, place, station) = problem.noise.pull(problem.whiten(residuals)), problem.noise.precision
-    throughs = [problem.noise.pull(part.leverage_root()) for part in parts]
+    shared_root = problem.noise.precision_root
+    throughs = [np.hstack([problem.noise.pull(part.leverage_root()), shared_root]) for part in parts]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
     result = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
     shared, squares, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
@@ -715,13 +719,16 @@ def estimate_std(
 ) -> dict[str, tuple[float, EstimatedStd]]:
     """Return the factor on the stated deviation, and the estimate, of each kind; ``kinds`` name masks ``(P, m)`` of numbers."""
     blocks, random = _blocks(problem, z, nuisances, list(kinds.values()), has_prior=has_prior)
-    repeats = [block for block in map(_differences, blocks, problem.labels) if block is not None]
+    shared = problem.common.shape[2]
+    repeats = [
+        block for block in (_differences(*pair, shared) for pair in zip(blocks, problem.labels, strict=True)) if block
+    ]
     maximum = _largest(blocks, random)
     full = Likelihood([block[:3] for block in blocks], random)
     of_all, bounds = largest_likelihood(full, maximum)
     estimates = [(of_all, bounds, full.information(of_all), "all readings")] * len(kinds)
     if repeats:
-        pure = Likelihood(repeats, 0)
+        pure = Likelihood(repeats, shared)
         point, bounds = largest_likelihood(pure, maximum)
         dof = pure.information(point)
         estimates = [(point, bounds, dof, "repeats") if dof[k] >= ENOUGH else pool for k, pool in enumerate(estimates)]
@@ -736,7 +743,7 @@ def estimate_std(
 def _blocks(
     problem: Problem, z: Array, nuisances: Array, masks: list[NDArray[np.bool_]], *, has_prior: bool
 ) -> tuple[list[tuple[Array, Array, Array]], int]:
-    """Return the blocks of :class:`Likelihood`, and the number of random columns."""
+    """Return the blocks of :class:`Likelihood`, and the number of random columns, first those of what readings share."""
     by_z, fixed_columns = problem.slopes(z, nuisances)
     if not has_prior:
         fixed_columns = np.hstack([fixed_columns, by_z @ Estimator.of(by_z, fixed_columns, has_prior=False).basis])
@@ -747,17 +754,22 @@ def _blocks(
     lengths = np.linalg.norm(fixed_columns, axis=0)
     basis, values, _ = np.linalg.svd(fixed_columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
     basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
-    random = by_z if has_prior else by_z[:, :0]
-    white, blocks = np.hstack([random, basis, readings[:, None]]), []
-    for (_, places, span, root), noise in zip(problem.at_stations, problem.noise.covariances, strict=True):
+    random = np.hstack([problem.whiten(problem.common), by_z if has_prior else by_z[:, :0]])
+    columns, blocks = problem.noise.colour(np.hstack([random, basis, readings[:, None]])), []
+    for places, noise in zip(problem.places, problem.noise.covariances, strict=True):
         instrument = problem.instrument_at(places)
         per_kind = np.array([instrument * np.outer(mask[places], mask[places]) for mask in masks])
-        blocks.append((noise - per_kind.sum(axis=0), per_kind, root @ white[span]))
+        blocks.append((noise - per_kind.sum(axis=0), per_kind, columns[places]))
     return blocks, random.shape[1]
 
 
-def _differences(block: tuple[Array, Array, Array], labels: NDArray[np.intp]) -> tuple[Array, Array, Array] | None:
-    """Return the block of the differences of equal numbers at one pose, which neither the arm nor the set-up changes."""
+def _differences(
+    block: tuple[Array, Array, Array], labels: NDArray[np.intp], shared: int
+) -> tuple[Array, Array, Array] | None:
+    """Return the block of the differences of equal numbers at one pose, which neither the arm nor the set-up changes.
+
+    Of its random columns the first, ``shared``, stay.
+    """
     fixed_noise, per_kind, columns = block
     rows = []
     for repeats in (np.flatnonzero(labels == label) for label in np.unique(labels)):
@@ -765,7 +777,8 @@ def _differences(block: tuple[Array, Array, Array], labels: NDArray[np.intp]) ->
         contrasts[:, repeats] = scipy.linalg.helmert(repeats.size)
         rows.append(contrasts)
     change = np.concatenate(rows)
-    result = change @ fixed_noise @ change.T, change @ per_kind @ change.T, change @ columns[:, -1:]
+    remaining = change @ np.hstack([columns[:, :shared], columns[:, -1:]])
+    result = change @ fixed_noise @ change.T, change @ per_kind @ change.T, remaining
     return result if len(change) else None
 
 

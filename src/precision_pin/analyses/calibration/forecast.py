@@ -510,8 +510,8 @@ def forecast_calibration(
     values, _ = design.read_poses(model, poses)
     unit = design.UnitNumbers.of(model.space)
     stations = stations_of(model, values, measurement)
-    by_z, by_nuisance = design.stack_at_means(stations, unit, measurement)
-    estimator = Estimator.of(design.flat(by_z), design.flat(by_nuisance), has_prior=True)
+    ahead, rows = design.stack_at_means(stations, unit, measurement), np.arange(values.shape[1])
+    estimator = Estimator.of(*ahead.taken(rows), has_prior=True)
     tasks = design.task_poses(model, at, values)
     entries = errors_left(tasks, unit, estimator, measurement.displaces_base, model.space)
     identifiability = design.determined_by(stations, unit, measurement)
@@ -526,11 +526,11 @@ def forecast_calibration(
         posterior=Posterior.of(unit, unit.mean, covariance),
         identifiability=identifiability,
         poses=entries,
-        by_count=_by_count(by_z, by_nuisance, slopes, floor),
+        by_count=_by_count(ahead, slopes, floor),
         by_instrument=tuple(
             CurvePoint(
                 factor * measurement.std,
-                _rms(*design.stack_at_means(stations, unit, measurement, factor), slopes, floor),
+                _rms(design.stack_at_means(stations, unit, measurement, factor).taken(rows), slopes, floor),
             )
             for factor in _FACTORS
         ),
@@ -539,23 +539,22 @@ def forecast_calibration(
     )
 
 
-def _rms(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> float:
-    covariance = design.covariance_with_prior(design.flat(by_z), design.flat(by_nuisance))
+def _rms(derivatives: tuple[Array, Array], slopes: Array, floor: float) -> float:
+    covariance = design.covariance_with_prior(*derivatives)
     return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes).mean() + floor))
 
 
-def _by_count(by_z: Array, by_nuisance: Array, slopes: Array, floor: float) -> tuple[CurvePoint, ...]:
-    count = len(by_z)
+def _by_count(ahead: design.ReadingsAhead, slopes: Array, floor: float) -> tuple[CurvePoint, ...]:
+    count = len(ahead.by_z)
     generator = np.random.default_rng(_ORDER_SEED)
     orders = [generator.permutation(count) for _ in range(_ORDERS)]
     points = []
     for number in (*(size for size in _COUNTS if size < count), count):
         subsets = [np.sort(order[:number]) for order in (orders if number < count else orders[:1])]
-        squares = [_rms(by_z[rows], by_nuisance[rows], slopes, floor) ** 2 for rows in subsets]
+        squares = [_rms(ahead.taken(rows), slopes, floor) ** 2 for rows in subsets]
         points.append(CurvePoint(number, float(np.sqrt(np.mean(squares)))))
-    multiples = [(factor, np.sqrt(factor)) for factor in _BEYOND]
-    points += [CurvePoint(k * count, _rms(root * by_z, root * by_nuisance, slopes, floor)) for k, root in multiples]
-    return tuple(points)
+    multiples = [(k * count, ahead.taken(np.tile(np.arange(count), k))) for k in _BEYOND]
+    return (*points, *(CurvePoint(number, _rms(derivatives, slopes, floor)) for number, derivatives in multiples))
 
 
 def _warnings(result: design.Identifiability, model: ErrorModel, unit: design.UnitNumbers) -> Iterator[Finding]:
@@ -617,7 +616,9 @@ def simulate_calibrations(
     stations = stations_of(model, values, measurement)
     x = model.space.sample(seed, 0, robots)
     readings = simulate_readings(stations, measurement, model, robots=robots, seed=seed)
-    by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement))
+    if measurement.drift is not None:
+        raise InputError("simulated calibrations are those of an instrument without drift")
+    by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement)[:2])
     estimator = design.Estimator.of(by_z, by_nuisance, has_prior=True)
     noise = np.zeros((len(readings), measurement.size, measurement.size))
     for station in stations:
@@ -625,7 +626,8 @@ def simulate_calibrations(
     indices = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
     instruments, start = design.Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
     evaluation = Evaluation(model.space, instruments, stations, indices[0])
-    roots = Problem(model, instruments, stations, readings, noise, *indices, start, evaluation).roots
+    common = np.zeros((*noise.shape[:2], 0))
+    roots = Problem(model, instruments, stations, readings, noise, *indices, start, evaluation, common).roots
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
 
     def whitened_residuals() -> Array:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.drift import common_factors
 from precision_pin.base.arrays import Array
 
 
@@ -15,7 +16,7 @@ def instrument_covariance(data: CalibrationData, readings: Array, bases: Sequenc
 
     What a row of the data says goes before the measurement. If std is estimated, the rows give only the ratios. ``bases``
     ``(4, 4)`` are those of each measurement in the axes of its readings: a free one stands at their origin, if nothing else is
-    said.
+    said. Included is what a drift adds to single readings alone.
     """
     result = np.zeros((*readings.shape, readings.shape[1]))
     for k, part in enumerate(data.measurements):
@@ -34,18 +35,21 @@ def instrument_covariance(data: CalibrationData, readings: Array, bases: Sequenc
             axes = rotation.T * data.axis_ratios[rows[is_given], None]
             covariance[is_given, :3, :3] = covariance[is_given, :1, :1] * (axes @ np.swapaxes(axes, 1, 2))
         result[rows, :size, :size] = covariance
+    for session in data.sessions:
+        result[session.rows, :3, :3] += session.left.own[:, None, None] * np.eye(3)
     return result
 
 
 def fitted_covariance(data: CalibrationData, bases: Sequence[Array | None]) -> Array:
-    """Return :func:`instrument_covariance` where the bases ``(4, 4)`` are fitted, or known: ``None``."""
+    """Return :func:`instrument_covariance` where the bases ``(4, 4)`` are fitted, or known: ``None``; with all of a drift."""
     places = [np.eye(4) if base is None else base for base in bases]
     readings = np.nan_to_num(data.readings, nan=0.0)
     for k, base in enumerate(places):
         rows = data.part == k
         if data.measurements[k].place is None:
             readings[rows, :3] = (readings[rows, :3] - base[:3, 3]) @ base[:3, :3]
-    return instrument_covariance(data, readings, places)
+    factors = common_factors(data.sessions, readings.shape, np.array([base[:3, :3].T for base in places])[data.part])
+    return instrument_covariance(data, readings, places) + factors @ factors.swapaxes(1, 2)
 
 
 def length_stds(covariance: Array) -> Array:

@@ -470,7 +470,8 @@ def plan_calibration(
     # one station with one reading per candidate
     pose_models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
     stations = tuple(Station(pose_model, (k,)) for k, pose_model in enumerate(pose_models))
-    by_z, by_nuisance = linear.stack_at_means(stations, unit, measurement)
+    ahead = linear.stack_at_means(stations, unit, measurement)
+    by_z, by_nuisance = ahead.apart(count)
     linear.check_identifiable(
         linear.of_stack(unit.names, linear.flat(by_z), linear.flat(by_nuisance), measurement.nuisances, total)
     )
@@ -495,7 +496,7 @@ def plan_calibration(
     loss = design.exact_loss(choice)
     efficiency = design.efficiency(loss, bound)
     random = [design.exact_loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
-    estimator = linear.Estimator.of(linear.flat(by_z[choice]), linear.flat(by_nuisance[choice]), has_prior=True)
+    estimator = linear.Estimator.of(*ahead.taken(choice), has_prior=True)
     nominal = np.array([stations[k].at.posture.pose for k in choice])
     chosen_stations = tuple(Station(stations[k].at, (row,)) for row, k in enumerate(choice))
     identifiability = linear.determined_by(chosen_stations, unit, measurement)

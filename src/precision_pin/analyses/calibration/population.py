@@ -266,10 +266,14 @@ def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, 
         std, group = (np.array(entries.get(name, ()), dtype=float) for name in ("std", "group"))
         ratios = np.array(entries.get("axis_ratios", ()), dtype=float).reshape(-1, 3)
         part, visit = (np.array(entries.get(name, ()), dtype=np.intp) for name in ("measured_by", "visit"))
-        lines = tuple(map(int, data["lines"]))
+        lines, has_drift = tuple(map(int, data["lines"])), bool(data.get("drift"))
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(f"{file}: incomplete readings; write it again with calibrate") from None
     devices = tuple(replace(entry, target_name=name) for entry, name in parts if entry is not None)
+    if has_drift:
+        raise InputError(
+            f"{file}: its instrument drifted, so that its readings are fitted again from their file; give that"
+        )
     if len(devices) < len(parts):
         raise InputError(
             f"{file}: estimated at a bound or without prior, so that its readings are fitted again, and they were measured in "
@@ -283,7 +287,15 @@ def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, 
 
 def _set_up(measurement: dict[str, Any]) -> dict[str, Any]:
     """Return a measurement in the JSON without the name of its target, given by a file of several targets."""
-    return {"base_name": "", "sight": None, "stands_at": None, **measurement, "target_name": "", "nuisances": []}
+    return {
+        "base_name": "",
+        "sight": None,
+        "stands_at": None,
+        "drift": None,
+        **measurement,
+        "target_name": "",
+        "nuisances": [],
+    }
 
 
 def _calibration_evidence(

@@ -123,6 +123,7 @@ def calibration_table(result: CalibrationResult) -> str:
         *share_lines(result),
         f"{VERDICTS[result.verdict]}; {residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
+        *map(str, result.data.sessions),
         *frame_lines(result),
         "" if result.has_prior else f"{NO_PRIOR}\n",
         *_poses(result),
@@ -203,6 +204,8 @@ def describe_measurement(measurement: Measurement) -> str:
         parts.append(f"{1e6 * float(measurement.deviations[-1]):.4g} µrad")
     parts.append(f"target at {_point(measurement.target)} mm{'' if measurement.target_known else ' (estimated)'}")
     parts.append(f"{_FREE.get(measurement.kind, 'base')} {measurement.base}")
+    if measurement.drift is not None:
+        parts.append(str(measurement.drift))
     if measurement.load is not None:
         payloads = " + ".join(f"{payload.mass:.4g} kg at {visible(payload.at)}" for payload in measurement.load)
         parts.append(f"load {payloads or 'none'}")
@@ -218,6 +221,7 @@ def headline(result: CalibrationResult) -> list[str]:
         f"{_capital(residuals_text(result))}.",
         *(f"{_capital(line)}." for line in share_lines(result)),
         f"Position error of the tip at {_where(result)}: rms {_sizes(result)}.",
+        *(f"{_capital(str(session))}." for session in result.data.sessions),
         *(f"{_capital(line)}." for line in frame_lines(result)),
     ]
     if result.gross_errors:

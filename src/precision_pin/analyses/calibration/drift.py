@@ -1,0 +1,285 @@
+"""Drift of an instrument: taken out of readings as far as fixed targets tell it, the rest a common error of the readings.
+
+With the steps ξ of the walk between knots, of unit covariance, readings in the axes of the instrument are
+
+    fixed target:  y = c + W(t) ξ + e,        arm:  y = h + W(t) ξ + e,
+
+where the places c have no prior. Conditional on the fixed targets ξ has a mean, which is taken out, and a covariance U Uᵀ: W U
+are common factors of the arm's readings, whose fit then decides together with these targets. Between knots, where there are more
+times than these, the walk's own part is an error of each reading.
+
+The rate θ of the walk follows from the fixed targets alone. Less their places, and in principal axes, they are independent
+numbers u of variance 1 + θ λ. The score by θ is T(θ) = Σ w u²/(1 + θ λ), w = λ/(1 + θ λ), whose law at θ is that of Σ w χ²:
+θ = 0 is tested by it, and the interval holds every θ that it does not reject on either side. The estimate is the likeliest, T =
+Σ w.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+from numpy.typing import NDArray
+
+from precision_pin.analyses.number_law import tail
+from precision_pin.base.arrays import Array, Keys, Record
+from precision_pin.base.errors import Finding
+from precision_pin.sheet.drift import Drift
+
+MOST_KNOTS: Final = 128
+"""Steps of a walk between knots; up to as many times are exact."""
+FALSE_DRIFT: Final = 0.01
+"""Probability that a drift is found where there is none."""
+LEVEL: Final = 0.95
+"""Probability of the intervals."""
+_UNSEEN: Final = 1e-9
+"""Share of the largest information below which numbers tell nothing of the walk."""
+_RATES: Final = (1e-8, 1e12)
+"""Range of the search for a rate, over that at which the walk is as large as the noise."""
+_MANY: Final = 1e9
+"""Degrees of freedom of a standard deviation that is known."""
+_EVERY: Final = 3600.0
+"""Time (s) for which a drift is told where none is stated."""
+
+
+class FixedReadings(NamedTuple):
+    """Readings of fixed targets: times, numbers of the targets ``(F,)``, places ``(F, 3)``, m, and covariances ``(F, 3, 3)``."""
+
+    times: Array
+    targets: NDArray[np.intp]
+    points: Array
+    covariances: Array
+
+    def white(self, steps: Array) -> tuple[Array, Array]:
+        """Return whitened readings less the places of their targets, ``(3F,)``, and slopes by a walk of ``steps`` ``(F, K)``."""
+        roots = np.linalg.cholesky(self.covariances)
+        size, first = self.targets.size, np.unique(self.targets, return_index=True)[1]
+        is_target = np.eye(first.size)[np.unique(self.targets, return_inverse=True)[1]]
+        # a shift of each target, whatever it is, changes nothing that follows
+        shifted = self.points - is_target @ self.points[first]
+        shifts, walk = (
+            np.einsum("fk,ij->fikj", factors, np.eye(3)).reshape(size, 3, -1) for factors in (is_target, steps)
+        )
+        columns = np.concatenate([shifts, walk, shifted[:, :, None]], axis=2)
+        columns = np.linalg.solve(roots, columns).reshape(3 * size, -1)
+        basis = np.linalg.qr(columns[:, : shifts.shape[2]])[0]
+        rest = columns[:, shifts.shape[2] :]
+        rest = rest - basis @ (basis.T @ rest)
+        return rest[:, -1], rest[:, :-1]
+
+
+NO_FIXED_READINGS: Final = FixedReadings(np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+
+
+class Steps(NamedTuple):
+    """A walk at times ``(N,)`` as ``factors`` ``(N, K)`` times independent steps, and the variance ``(N,)`` of its own part."""
+
+    factors: Array
+    own: Array
+
+
+def steps_of(rate: float, times: Array, *others: Array) -> list[Steps]:
+    """Return the steps of one walk of variance ``rate``, m² per unit of time, at times, and at others."""
+    knots = np.unique(np.concatenate([times, *others]))
+    if knots.size > MOST_KNOTS + 1:
+        knots = knots[np.linspace(0, knots.size - 1, MOST_KNOTS + 1).round().astype(int)]
+    roots = np.sqrt(rate * np.diff(knots))
+    walk = np.tril(np.tile(roots, (knots.size, 1)), -1)
+    result = []
+    for asked in (times, *others):
+        after = np.clip(np.searchsorted(knots, asked), min(1, knots.size - 1), knots.size - 1)
+        before, length = np.maximum(after - 1, 0), np.ones(asked.size)
+        length = np.where(after > before, knots[after] - knots[before], 1.0)
+        share = (asked - knots[before]) / length
+        factors = (1 - share)[:, None] * walk[before] + share[:, None] * walk[after]
+        result.append(Steps(factors, rate * length * share * (1 - share)))
+    return result
+
+
+class Remainder(NamedTuple):
+    """A walk of which targets tell the mean ``(N, 3)``: the rest has ``factors`` ``(N, 3, k)`` and variances ``own`` ``(N,)``."""
+
+    mean: Array
+    factors: Array
+    own: Array
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of what remains along each axis, ``(N, 3)``."""
+        return np.asarray(np.sqrt((self.factors**2).sum(axis=2) + self.own[:, None]))
+
+
+def remainder(rate: float, times: Array, fixed: FixedReadings) -> Remainder:
+    """Return a walk of variance ``rate`` at times ``(N,)``, given the readings of fixed targets, in the axes of these."""
+    if not rate:
+        return Remainder(np.zeros((times.size, 3)), np.zeros((times.size, 3, 0)), np.zeros(times.size))
+    of_arm, of_fixed = steps_of(rate, times, fixed.times)
+    count = 3 * of_arm.factors.shape[1]
+    factors = np.einsum("nk,ij->nikj", of_arm.factors, np.eye(3)).reshape(times.size, 3, count)
+    if not fixed.times.size:
+        return Remainder(np.zeros((times.size, 3)), factors, of_arm.own)
+    own = of_fixed.own[:, None, None] * np.eye(3)
+    white, slopes = fixed._replace(covariances=fixed.covariances + own).white(of_fixed.factors)
+    root = np.linalg.cholesky(np.eye(count) + slopes.T @ slopes)
+    mean = factors @ scipy.linalg.cho_solve((root, True), slopes.T @ white)
+    left = scipy.linalg.solve_triangular(root, factors.reshape(-1, count).T, lower=True).T
+    return Remainder(mean, left.reshape(factors.shape), of_arm.own)
+
+
+def drift_ahead(drift: Drift, count: int, std: float) -> Remainder:
+    """Return what will remain of a drift in readings ``(count,)`` if fixed targets are read with ``std``, m, as it says."""
+    times, fixed_times, targets = drift.schedule(count)
+    size = fixed_times.size
+    fixed = FixedReadings(fixed_times, targets, np.zeros((size, 3)), np.tile(std**2 * np.eye(3), (size, 1, 1)))
+    return remainder(drift.rate, times, fixed)
+
+
+@dataclass(frozen=True)
+class ShownDrift(Record):
+    """The drift that fixed targets show, m along each axis after a time, and its 95 % interval.
+
+    ``chance`` is the probability of targets as far from the drift as stated; of as much drift, where none is stated.
+    """
+
+    KEYS: ClassVar[Keys] = ("std", "interval", "probability", "chance")
+    probability: ClassVar[float] = LEVEL
+
+    std: float
+    interval: tuple[float, float]
+    chance: float
+
+    @classmethod
+    def of(cls, fixed: FixedReadings, every: float, stated: Drift | None) -> ShownDrift | None:
+        """Return the drift after a time ``every``; ``None`` where the targets tell nothing."""
+        (steps,) = steps_of(1.0, fixed.times)
+        white, slopes = fixed.white(steps.factors)
+        vectors, values, _ = np.linalg.svd(slopes, full_matrices=False)
+        is_seen = values**2 > _UNSEEN * values.max(initial=0.0) ** 2
+        if not is_seen.any():
+            return None
+        scale = float((values[is_seen] ** 2).mean())
+        information, squares = values[is_seen] ** 2 / scale, (vectors.T @ white)[is_seen] ** 2
+
+        def score(rate: float) -> tuple[Array, float]:
+            variances = 1 + rate * information
+            weights = information / variances
+            return weights, float(weights @ (squares / variances))
+
+        def chance(rate: float) -> float:
+            weights, total = score(rate)
+            return tail(weights, total / _MANY, _MANY)
+
+        def excess(rate: float) -> float:
+            weights, total = score(rate)
+            return total / float(weights.sum()) - 1
+
+        def root(function: Callable[[float], float]) -> float:
+            """Return the std at which a function of the rate is zero; 0 where that is below the search."""
+            logs = np.log(_RATES)
+            if function(_RATES[0]) * function(_RATES[1]) > 0:
+                return 0.0
+            rate = np.exp(scipy.optimize.brentq(lambda log: function(float(np.exp(log))), *logs, xtol=1e-6))
+            return float(np.sqrt(every * rate / scale))
+
+        low, high = (root(_less(chance, side)) for side in ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+        of_stated = chance(0.0 if stated is None else scale * stated.rate)
+        return cls(root(excess), (low, high), of_stated if stated is None else 2 * min(of_stated, 1 - of_stated))
+
+
+def _less(function: Callable[[float], float], value: float) -> Callable[[float], float]:
+    return lambda x: function(x) - value
+
+
+@dataclass(frozen=True, eq=False)
+class Session(Record):
+    """Readings that an instrument took one after another, and its drift.
+
+    Attributes:
+        drift: As stated; ``None`` where fixed targets were read only.
+        rows: Which readings these are, ``(N,)``.
+        left: What was taken out of them, and what remains, in the axes of the readings.
+        targets, readings: Number of fixed targets, and of their readings.
+        shown: What these show; ``None`` where they tell nothing.
+    """
+
+    KEYS: ClassVar[Keys] = (
+        *(
+            "drift",
+            "targets",
+            "readings",
+            "shown",
+            "every=told.every",
+            "rows",
+            "taken_out=left.mean",
+            "std_left=left.std",
+        ),
+    )
+
+    drift: Drift | None
+    rows: NDArray[np.intp]
+    left: Remainder
+    targets: int
+    readings: int
+    shown: ShownDrift | None
+
+    @classmethod
+    def of(cls, rows: NDArray[np.intp], times: Array, fixed: FixedReadings, drift: Drift | None) -> Session:
+        """Return the session of readings at times ``(N,)``, and of fixed targets."""
+        left = remainder(0.0 if drift is None else drift.rate, times, fixed)
+        shown = ShownDrift.of(fixed, _EVERY if drift is None else drift.every, drift) if fixed.times.size else None
+        return cls(drift, rows, left, np.unique(fixed.targets).size, fixed.times.size, shown)
+
+    @property
+    def told(self) -> Drift:
+        """The drift as stated, else none in the time for which that of fixed targets is told."""
+        return self.drift or Drift(0.0, _EVERY)
+
+    def __str__(self) -> str:
+        rms, most = (
+            1e6 * float(np.sqrt((self.left.std**2).mean())),
+            1e6 * float(np.linalg.norm(self.left.mean, axis=1).max()),
+        )
+        parts = [str(self.drift) if self.drift is not None else f"drift {self.told.every_text}: none stated"]
+        if self.shown is not None:
+            low, high = (f"{1e6 * bound:.3g}" for bound in self.shown.interval)
+            figure = f"{1e6 * self.shown.std:.3g} µm (95 %: {low} to {high})"
+            parts.append(f"{figure} by {self.readings} readings of {self.targets} fixed targets")
+        if self.drift is not None:
+            taken_out = f"up to {most:.3g} µm taken out" if self.readings else "no fixed targets"
+            parts.append(f"{taken_out}, {rms:.3g} µm left along each axis")
+        return "; ".join(parts)
+
+    def moved(self, offset: int) -> Session:
+        """Return the session with its readings ``offset`` later among all."""
+        return replace(self, rows=self.rows + offset)
+
+
+def common_factors(sessions: Sequence[Session], shape: tuple[int, int], rotations: Array) -> Array:
+    """Return the factors ``(P, m, k)`` of readings ``(P, m)`` in base axes, for their rotations ``(P, 3, 3)`` to the base."""
+    widths = [session.left.factors.shape[2] for session in sessions]
+    result, first = np.zeros((*shape, sum(widths))), 0
+    for session, width in zip(sessions, widths, strict=True):
+        result[session.rows, :3, first : first + width] = rotations[session.rows] @ session.left.factors
+        first += width
+    return result
+
+
+def drift_warnings(sessions: Sequence[Session]) -> Iterator[Finding]:
+    """Yield a warning where fixed targets show another drift than stated."""
+    for session in sessions:
+        shown, stated = session.shown, session.drift
+        if shown is None or shown.chance > FALSE_DRIFT:
+            continue
+        text = session.told.every_text
+        low, high = (f"{1e6 * bound:.3g}" for bound in shown.interval)
+        figure = f"{1e6 * shown.std:.2g}"
+        lacks = "which the sheet lacks" if stated is None else f"not of {1e6 * stated.std:.3g} µm"
+        message = (
+            f"{session.readings} readings of {session.targets} fixed targets show a drift of {figure} µm in {text} "
+            f"(95 %: {low} to {high} µm), {lacks}: write measurement: {{drift: {{std: {figure} um, every: {text}}}}}"
+        )
+        yield Finding("warning", "W_DRIFT", message)
