@@ -202,6 +202,7 @@ def test_the_schema_passes_what_the_reader_reads(load):
     sockets = "{kind: socket, sockets: [0 0 1 mm], base: free, load: [{at: tool, mass: 1 kg}]}"
     seen = "{visible_from: 2 0 0 m, facing: 0 0 1, cone: 30 deg, target_known: true}"
     sight = "{std: {along: 10 um + 0.3 um/m, across: 15 um}, stands_at: 3 0 1 m}"
+    bar = "{kind: distance, std: 10 um + 0.3 um/m, anchor: 1 0 0 m}"
     drift = "{drift: {std: 20 um, every: 1 h, pace: 20 s, fixed: 4, fixed_every: 10 min}}"
     head = WHOLE.partition("measurement:")[0]
     joint = f"{head}  - covariance: {{frame: tool, matrix: {(1e-8 * np.eye(6)).tolist()}}}\n"
@@ -210,9 +211,9 @@ def test_the_schema_passes_what_the_reader_reads(load):
         PAPER_SHEET.read_text("utf-8"),
         CONTRACT,
         joint,
-        *(f"{head}measurement: {one}" for one in (sockets, seen, sight, drift)),
+        *(f"{head}measurement: {one}" for one in (sockets, seen, sight, bar, drift)),
     ]
-    assert [faults(text) for text in [WHOLE, *texts]] == [[]] * 8
+    assert [faults(text) for text in [WHOLE, *texts]] == [[]] * 9
 
 
 @pytest.mark.fast(4)

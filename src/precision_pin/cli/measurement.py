@@ -82,6 +82,9 @@ def _changed(stated: Measurement, options: Options) -> Measurement:
         text = options[option]
         if text is None or (option == "std" and not given["std_known"]):
             continue
+        if option == "std" and given["kind"] == "distance" and "+" in text:
+            given["std"] = text  # a length and a share of the distance
+            continue
         try:
             numbers = units.parse_vector(text, quantity, count=count)
         except InputError as error:

@@ -204,7 +204,7 @@ class Measurement:
             calibration. ``{"along": "10 um + 0.3 um/m", "across": "15 um + 6 um/m"}``, of a position or pose: along the
             line of sight and in each direction across it, a constant and a share of the distance; ``sight`` has them then,
             and ``std`` is the root mean square of the three at the base's origin (of the constants, if the place of the
-            instrument is estimated).
+            instrument is estimated). ``"10 um + 0.3 um/m"``, of a distance: a constant and a share of it, in ``sight`` too.
         stands_at: Where the instrument stands in the base, m, for ``along`` and ``across``; by default ``visible_from``,
             or with a free base the origin of the readings' axes.
         drift: ``{"std": "20 um", "every": "1 h"}``, of a position or pose: a random walk of the instrument along each axis,
@@ -271,8 +271,11 @@ class Measurement:
         if isinstance(self.std, str) and self.std == ESTIMATE:
             self._fix("std", type(self).std)
             self._fix("std_known", False)
-        if isinstance(self.std, Mapping):
-            self._fix("sight", Sight.of(self.std))
+        sight = Sight.of(self.std) if isinstance(self.std, Mapping) else None
+        if self.kind == "distance" and isinstance(self.std, str):
+            sight = Sight.of_distance(self.std)
+        if sight is not None:
+            self._fix("sight", sight)
             self._fix("std", type(self).std)
         above, what = "above zero and finite", "std, the standard deviation of a measurement,"
         self._fix("std", check_quantity(what, self.std, LENGTH, above, lambda n: n > 0))
@@ -342,6 +345,9 @@ class Measurement:
         if self.sight is None:
             if self.stands_at is not None:
                 raise InputError("stands_at of a measurement needs std: {along: ..., across: ...}")
+            return
+        if self.kind == "distance" and self.sight.across is None and self.stands_at is None:
+            self._fix("std", float(np.sqrt(self.sight.distance_variance(np.linalg.norm(self.anchor)))))
             return
         if self.kind not in ("position", "pose"):
             raise InputError(
@@ -421,6 +427,8 @@ class Measurement:
     def covariance(self, pose: Array) -> Array:
         """Return the covariance ``(m, m)`` of the instrument where the nominal tip is at ``(4, 4)`` in the base."""
         result = np.diag(self.deviations**2)
+        if self.sight is not None and self.kind == "distance":
+            return self.sight.distance_variance(np.linalg.norm(self._nominal(pose) - self.anchor)).reshape(1, 1)
         if self.sight is not None:
             if self.station is None:
                 raise InputError(
@@ -625,8 +633,8 @@ class MeasurementEntry(BaseModel):
         Discriminator(lambda value: "two" if isinstance(value, dict | SightEntry) else "one"),
     ] = Field(
         "0.02 mm",
-        description="Standard deviation of a measured length, of a contact; estimate: from the readings; or, along a line of "
-        "sight and across it, {along: 10 um + 0.3 um/m, across: 15 um + 6 um/m}.",
+        description="Standard deviation of a measured length, of a contact; estimate: from the readings; of a distance also "
+        "10 um + 0.3 um/m; or, along a line of sight and across it, {along: 10 um + 0.3 um/m, across: 15 um + 6 um/m}.",
     )
     stands_at: str | None = Field(
         None, description="Where the instrument stands, in base axes, if std is along its line of sight and across it."
@@ -747,6 +755,10 @@ def _read(path: tuple[str | int, ...], text: Any) -> Any:
             return Drift.of(text.model_dump())
     if path == ("std",) and text.strip() == ESTIMATE:
         return ESTIMATE
+    if path == ("std",):
+        with placed("std"):
+            if Sight.of_distance(text) is not None:
+                return text
     name = next(key for key in reversed(path) if isinstance(key, str))
     try:
         if name not in _SINGLE:

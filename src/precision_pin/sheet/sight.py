@@ -4,6 +4,8 @@ At the distance r the standard deviations are ``a₀ + a₁ r`` along the line a
 the unit vector u of the line, a reading of a point has the covariance
 
     (a₀ + a₁ r)² u uᵀ + (b₀ + b₁ r)² (I - u uᵀ).
+
+A distance, as of an interferometer or a ballbar, has the first of both only.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
 
 from precision_pin.base import units
@@ -38,10 +41,13 @@ class SightEntry(BaseModel):
 
 @dataclass(frozen=True)
 class Sight:
-    """Standard deviations: a constant, m, and a share of the distance, m/m, each along the line of sight and across it."""
+    """Standard deviations: a constant, m, and a share of the distance, m/m, each along the line of sight and across it.
+
+    ``across`` is ``None`` where only distances are read.
+    """
 
     along: tuple[float, float]
-    across: tuple[float, float]
+    across: tuple[float, float] | None
 
     @classmethod
     def of(cls, value: Mapping[str, object]) -> Sight:
@@ -51,7 +57,16 @@ class Sight:
                 f"std of a measurement needs along and across, such as {{along: {_DEFAULT}, across: {_DEFAULT}}}, got "
                 f"{shown(dict(value))}"
             )
-        return cls(*(_terms(name, value[name]) for name in DIRECTIONS))
+        return cls(*(_terms(f"std, {name} the line of sight,", value[name]) for name in DIRECTIONS))
+
+    @classmethod
+    def of_distance(cls, text: str) -> Sight | None:
+        """Return the deviations of a distance, ``"10 um + 0.3 um/m"``; ``None`` for a text of one number."""
+        return cls(_terms("std of a distance,", text), None) if _PLUS.search(text) else None
+
+    def distance_variance(self, distances: ArrayLike) -> Array:
+        """Return the variances of distances ``(P,)``, m²."""
+        return np.asarray((self.along[0] + self.along[1] * np.asarray(distances)) ** 2)
 
     def covariance(self, origin: Array, points: Array) -> Array:
         """Return the covariances ``(P, 3, 3)``, m², of points ``(P, 3)`` read from an origin ``(3,)``, in their axes, m."""
@@ -59,18 +74,23 @@ class Sight:
         distances = np.linalg.norm(lines, axis=1)
         # at the origin itself there is no line, and all directions are across
         directions = lines / np.where(distances > 0, distances, 1.0)[:, None]
-        along, across = ((constant + share * distances) ** 2 for constant, share in (self.along, self.across))
+        constant, share = self.across or self.along
+        along, across = self.distance_variance(distances), (constant + share * distances) ** 2
         lengthwise = np.einsum("pi,pj->pij", directions, directions)
         return np.asarray(across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * lengthwise)
 
     def __str__(self) -> str:
-        texts = (f"{1e6 * constant:.4g} µm + {1e6 * share:.4g} µm/m" for constant, share in (self.along, self.across))
-        return ", ".join(f"{text} {name}" for text, name in zip(texts, DIRECTIONS, strict=True))
+        given = [self.along] if self.across is None else [self.along, self.across]
+        texts = [f"{1e6 * constant:.4g} µm + {1e6 * share:.4g} µm/m" for constant, share in given]
+        return (
+            ", ".join(f"{text} {name}" for text, name in zip(texts, DIRECTIONS, strict=False))
+            if texts[1:]
+            else texts[0]
+        )
 
 
-def _terms(name: str, value: object) -> tuple[float, float]:
+def _terms(what: str, value: object) -> tuple[float, float]:
     """Return constant and share of ``"10 um + 0.3 um/m"``, in either order; of a number in m."""
-    what = f"std, {name} the line of sight,"
     terms: dict[str, float] = {}
     texts = _PLUS.split(value) if isinstance(value, str) else [f"{value} m"]
     for text in texts:

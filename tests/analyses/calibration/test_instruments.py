@@ -83,6 +83,35 @@ def test_the_forecast_is_that_of_normal_equations_with_this_covariance():
     assert chosen[0] != chosen[1]
 
 
+def test_a_distance_has_a_share_of_itself():
+    """By hand: 10 µm + 3 µm/m, in simulated readings, the fit's covariance, the forecast and the plan."""
+    model, q = offsets(pp.Normal(1e-3)), Q[:, :6]
+    bar = pp.Measurement("distance", std="10 um + 3 um/m", anchor=(2.0, 1.0, 0.0), target=OFF_AXIS)
+    assert str(bar.sight) == "10 µm + 3 µm/m"
+    assert bar.std == pytest.approx(10e-6 + 3e-6 * np.sqrt(5))
+    distances = np.linalg.norm(targets(model, q) - bar.anchor, axis=1)
+    stds = 10e-6 + 3e-6 * distances
+    still = offsets(pp.Normal(1e-12))
+    found = simulate_readings(stations_of(still, q, bar), bar, still, robots=4000, seed=3)[:, 0]
+    # of 4,000 readings a standard deviation is known to 1.1 %
+    np.testing.assert_allclose(found.std(axis=1), stds, rtol=0.05)
+    readings = found[:, :1]
+    problem, _ = Problem.of(model, read_data(model, (q, readings), (bar,)))
+    np.testing.assert_allclose(problem.instrument[:, 0, 0], (10e-6 + 3e-6 * readings[:, 0]) ** 2, rtol=1e-9)
+    information = 1e6 * np.eye(4)
+    for pose, std in zip(stations_of(model, q, bar), stds, strict=True):
+        slopes = bar.slopes(pose.at.posture.pose, pose.at.error_at_means, np.zeros(0)).error @ pose.at.jacobian
+        information += slopes.T @ slopes / std**2
+    covariance = pp.forecast_calibration(model, q, bar).posterior.covariance
+    np.testing.assert_allclose(covariance, np.linalg.inv(information), rtol=1e-6, atol=1e-14)
+    assert "std" not in pp.simulate(model, q, bar).to_csv()
+    check_refused(
+        ("std of a distance, must be a length and a share", pp.Measurement, "distance", "10 um + 3 um"),
+        ("std of a distance, .* 'kg' in ' 3 kg' is not a unit", pp.Measurement, "distance", "10 um + 3 kg"),
+        ("the standard deviation of a measurement", pp.Measurement, "position", "10 um + 3 um/m"),
+    )
+
+
 @pytest.mark.fast(6)
 def test_an_instrument_at_the_origin_of_its_axes_needs_no_place():
     """Readings in the axes of the instrument, base free: the same fit as with its place given in the base."""

@@ -28,7 +28,9 @@ def instrument_covariance(data: CalibrationData, readings: Array, bases: Sequenc
         scale = stds / reference_std
         covariance = scale[:, None, None] ** 2 * np.diag(part.deviations**2)
         rotation = bases[k][:3, :3]
-        if part.sight is not None:
+        if part.sight is not None and part.kind == "distance":
+            covariance[~is_given, 0, 0] = part.sight.distance_variance(readings[rows[~is_given], 0])
+        elif part.sight is not None:
             origin = -rotation.T @ bases[k][:3, 3] if part.station is None else np.array(part.station)
             covariance[~is_given, :3, :3] = part.sight.covariance(origin, readings[rows[~is_given], :3])
         if data.axis_ratios.size and size >= 3:
