@@ -177,21 +177,17 @@ class ShownDrift(Record):
             weights, total = score(rate)
             return total / float(weights.sum()) - 1
 
-        def root(function: Callable[[float], float]) -> float:
-            """Return the std at which a function of the rate is zero; 0 where that is below the search."""
-            logs = np.log(_RATES)
-            if function(_RATES[0]) * function(_RATES[1]) > 0:
+        def root(function: Callable[[float], float], value: float = 0.0) -> float:
+            """Return the std for whose rate a function has a value; 0 where that is below the search."""
+            first, last = (function(rate) - value for rate in _RATES)
+            if first * last > 0:
                 return 0.0
-            rate = np.exp(scipy.optimize.brentq(lambda log: function(float(np.exp(log))), *logs, xtol=1e-6))
-            return float(np.sqrt(every * rate / scale))
+            log_rate = scipy.optimize.brentq(lambda log: function(np.exp(log)) - value, *np.log(_RATES), xtol=1e-6)
+            return float(np.sqrt(every * np.exp(log_rate) / scale))
 
-        low, high = (root(_less(chance, side)) for side in ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
+        low, high = (root(chance, side) for side in ((1 - LEVEL) / 2, (1 + LEVEL) / 2))
         of_stated = chance(0.0 if stated is None else scale * stated.rate)
         return cls(root(excess), (low, high), of_stated if stated is None else 2 * min(of_stated, 1 - of_stated))
-
-
-def _less(function: Callable[[float], float], value: float) -> Callable[[float], float]:
-    return lambda x: function(x) - value
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,16 +203,8 @@ class Session(Record):
     """
 
     KEYS: ClassVar[Keys] = (
-        *(
-            "drift",
-            "targets",
-            "readings",
-            "shown",
-            "every=told.every",
-            "rows",
-            "taken_out=left.mean",
-            "std_left=left.std",
-        ),
+        *("drift", "targets", "readings", "shown", "every=told.every"),
+        *("rows", "taken_out=left.mean", "std_left=left.std"),
     )
 
     drift: Drift | None
@@ -239,18 +227,15 @@ class Session(Record):
         return self.drift or Drift(0.0, _EVERY)
 
     def __str__(self) -> str:
-        rms, most = (
-            1e6 * float(np.sqrt((self.left.std**2).mean())),
-            1e6 * float(np.linalg.norm(self.left.mean, axis=1).max()),
-        )
+        rms, most = np.sqrt((self.left.std**2).mean()), np.linalg.norm(self.left.mean, axis=1).max()
         parts = [str(self.drift) if self.drift is not None else f"drift {self.told.every_text}: none stated"]
         if self.shown is not None:
             low, high = (f"{1e6 * bound:.3g}" for bound in self.shown.interval)
             figure = f"{1e6 * self.shown.std:.3g} µm (95 %: {low} to {high})"
             parts.append(f"{figure} by {self.readings} readings of {self.targets} fixed targets")
         if self.drift is not None:
-            taken_out = f"up to {most:.3g} µm taken out" if self.readings else "no fixed targets"
-            parts.append(f"{taken_out}, {rms:.3g} µm left along each axis")
+            taken_out = f"up to {1e6 * most:.3g} µm taken out" if self.readings else "no fixed targets"
+            parts.append(f"{taken_out}, {1e6 * rms:.3g} µm left along each axis")
         return "; ".join(parts)
 
     def moved(self, offset: int) -> Session:
@@ -272,11 +257,12 @@ def drift_warnings(sessions: Sequence[Session]) -> Iterator[Finding]:
     """Yield a warning where fixed targets show another drift than stated."""
     for session in sessions:
         shown, stated = session.shown, session.drift
-        if shown is None or shown.chance > FALSE_DRIFT:
+        # targets quieter than the std of the instrument leave no figure to write
+        if shown is None or shown.chance > FALSE_DRIFT or not (std := shown.std or shown.interval[1]):
             continue
         text = session.told.every_text
         low, high = (f"{1e6 * bound:.3g}" for bound in shown.interval)
-        figure = f"{1e6 * shown.std:.2g}"
+        figure = f"{1e6 * std:.2g}"
         lacks = "which the sheet lacks" if stated is None else f"not of {1e6 * stated.std:.3g} µm"
         message = (
             f"{session.readings} readings of {session.targets} fixed targets show a drift of {figure} µm in {text} "

@@ -271,9 +271,7 @@ def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, 
         raise InputError(f"{file}: incomplete readings; write it again with calibrate") from None
     devices = tuple(replace(entry, target_name=name) for entry, name in parts if entry is not None)
     if has_drift:
-        raise InputError(
-            f"{file}: its instrument drifted, so that its readings are fitted again from their file; give that"
-        )
+        raise InputError(f"{file}: its instrument drifted, so that its readings are fitted again; give their file")
     if len(devices) < len(parts):
         raise InputError(
             f"{file}: estimated at a bound or without prior, so that its readings are fitted again, and they were measured in "
@@ -287,15 +285,8 @@ def _readings(data: dict[str, Any], file: str, measurements: tuple[Measurement, 
 
 def _set_up(measurement: dict[str, Any]) -> dict[str, Any]:
     """Return a measurement in the JSON without the name of its target, given by a file of several targets."""
-    return {
-        "base_name": "",
-        "sight": None,
-        "stands_at": None,
-        "drift": None,
-        **measurement,
-        "target_name": "",
-        "nuisances": [],
-    }
+    later = dict.fromkeys(("sight", "stands_at", "drift"))
+    return {"base_name": "", **later, **measurement, "target_name": "", "nuisances": []}
 
 
 def _calibration_evidence(
