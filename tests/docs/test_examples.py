@@ -106,6 +106,21 @@ def how_far_off_is_the_tool(median, within, low, high, percent):
     assert abs(percent - 100 * np.mean(error < 2)) < 2
 
 
+@answers(
+    *(
+        rf"{name}: sags by ([\d.]+) µm, and the rails add a standard deviation of ([\d.]+) µm"
+        for name in ("middle", "end")
+    )
+)
+def how_straight_does_a_gantry_move(*printed):
+    """A beam on two supports, and harmonics of half a tolerance: two heights, and the roll of the bridge on its way."""
+    rigidity = 210e9 * (0.12**4 - 0.108**4) / 12
+    for y, sag, std in zip((0.6, 0.0), printed[::2], printed[1::2], strict=True):
+        before, behind = 0.1 + y, 1.3 - y
+        assert sag == pytest.approx(1e6 * 60 * 9.80665 * (before * behind) ** 2 / (3 * rigidity * 1.4), abs=0.06)
+        assert std == pytest.approx(np.sqrt((4**2 + 3**2 + (10 * y) ** 2) / 2), abs=0.06)
+
+
 @answers(*(rf"{pose}: typically ([\d.]+) mm, 95 % within ([\d.]+) mm" for pose in ("stretched", "bent")))
 def how_precise_is_my_own_design(*printed):
     """By the trigonometry of two bars."""
