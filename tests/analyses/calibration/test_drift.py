@@ -300,3 +300,23 @@ def test_wrong_files_of_fixed_targets_are_refused(tmp_path):
     assert data.sessions[0].left.std[-1] == pytest.approx(np.full(3, 20e-6 * np.sqrt(5 / 9)))
     in_arrays = read_data(model(), (data.q, data.readings), (counted,))
     np.testing.assert_allclose(in_arrays.sessions[0].left.std, data.sessions[0].left.std)
+
+
+def test_where_a_walk_is_counted_from_is_nothing_to_a_free_base(tmp_path):
+    free = replace(DRIFTING, base="free")
+    data = read_data(model(), written(tmp_path / "r.csv", session(4)[0]), (free,))
+    (about_mean,) = data.sessions
+    np.testing.assert_allclose(about_mean.left.mean.mean(axis=0), 0, atol=1e-12)
+    (from_start,) = read_data(model(), str(tmp_path / "r.csv"), (DRIFTING,)).sessions
+    np.testing.assert_allclose(np.diff(from_start.left.mean, axis=0), np.diff(about_mean.left.mean, axis=0), atol=1e-12)
+    as_read = data.readings + about_mean.left.mean
+    other = replace(data, sessions=(from_start,), readings=as_read - from_start.left.mean)
+    fits = [pp.calibrate(model(), given, free) for given in (data, other)]
+    assert fits[0].chi_square == pytest.approx(fits[1].chi_square, rel=1e-6)
+    for name, std in fits[0].posterior.std.items():
+        assert abs(fits[0].posterior.mean[name] - fits[1].posterior.mean[name]) < 1e-4 * std
+        assert std == pytest.approx(fits[1].posterior.std[name], rel=1e-6)
+    assert (fits[0].set_up.base_std < 1.01 * fits[1].set_up.base_std).all()
+    ahead = replace(free, drift={**DRIFT, "pace": "3 min"})
+    plan = pp.plan_calibration(model(), data.q, 6, ahead)
+    assert plan.rms("after") == pytest.approx(pp.forecast_calibration(model(), plan.q, ahead, at=data.q).rms("after"))

@@ -218,7 +218,8 @@ def _read_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Meas
     if measurement.drift is not None:
         if not measurement.drift.is_counted:
             raise _error("", "arrays have no times; give a file with a column of them, or drift: {every: 100 readings}")
-        sessions = (Session.of(np.arange(len(lines)), selected.astype(float), NO_FIXED_READINGS, measurement.drift),)
+        is_free, times = measurement.base == "free", selected.astype(float)
+        sessions = (Session.of(times, NO_FIXED_READINGS, measurement.drift, is_free=is_free),)
     parts = (measurement,), ("",)
     return CalibrationData(
         columns, values, empty, empty, "", lines, *parts, findings=tuple(findings), sessions=sessions
@@ -325,7 +326,7 @@ def _read_file(
     if clock.is_needed:
         other = table if fixed_path is None else csv_columns.read(fixed_path, (_FIXED,), columns=names, may_miss=True)
         times, fixed = clock.times(table), _fixed_readings(other, clock, targets[present[0]])
-        session = Session.of(np.arange(part.size), times[reading_rows], fixed, drift)
+        session = Session.of(times[reading_rows], fixed, drift, is_free=measurements[0].base == "free")
         readings[:, :3] -= session.left.mean
         sessions = (session,)
     return CalibrationData(

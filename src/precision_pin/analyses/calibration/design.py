@@ -32,7 +32,7 @@ from scipy.sparse.csgraph import connected_components
 from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.drift import drift_ahead
+from precision_pin.analyses.calibration.drift import Remainder, drift_ahead
 from precision_pin.analyses.calibration.noise import Common
 from precision_pin.analyses.readings import Station, measurement_of, stations_of
 from precision_pin.base import se3
@@ -45,7 +45,6 @@ from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.robot.pose_set import PoseSet
-from precision_pin.sheet.drift import Drift
 from precision_pin.sheet.measurement import Anchor, Measurement, Plane, Slopes, Sockets
 
 Given = ParamSpec("Given")
@@ -142,20 +141,24 @@ class ReadingsAhead(NamedTuple):
     """Whitened derivatives of readings that are to be taken, each number as if read alone.
 
     By z ``(P, m, r)``, by nuisances ``(P, m, k)``, and by a shift of the instrument's axes at this reading ``(P, m, 3)``; with
-    the ``drift`` of the instrument, and the ``std`` that its readings of fixed targets have.
+    the measurement, whose standard deviations are ``factor`` times as large.
     """
 
     by_z: Array
     by_nuisance: Array
     by_shift: Array
-    drift: Drift | None
-    std: float
+    measurement: Measurement
+    factor: float
+
+    def _left(self, count: int) -> Remainder | None:
+        """Return what will remain of the instrument's drift in so many readings; ``None`` if it does not drift."""
+        drift, std = self.measurement.drift, self.factor * self.measurement.std
+        return None if drift is None else drift_ahead(drift, count, std, is_free=self.measurement.base == "free")
 
     def taken(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the derivatives ``(M, r)`` and ``(M, k)`` where some readings are taken in this order, with the drift then."""
-        if self.drift is None:
+        if (left := self._left(len(rows))) is None:
             return flat(self.by_z[rows]), flat(self.by_nuisance[rows])
-        left = drift_ahead(self.drift, len(rows), self.std)
         *stacks, by_shift = self._scattered(rows, left.own)
         common = Common(flat(by_shift @ left.factors))
         by_z, by_nuisance = (common.whiten(flat(stack)) for stack in stacks)
@@ -166,9 +169,9 @@ class ReadingsAhead(NamedTuple):
 
         Its variance is the mean of what fixed targets leave in so many readings.
         """
-        if self.drift is None:
+        if (left := self._left(count)) is None:
             return self.by_z, self.by_nuisance
-        variance = float((drift_ahead(self.drift, count, self.std).std ** 2).mean())
+        variance = float((left.std**2).mean())
         by_z, by_nuisance, _ = self._scattered(np.arange(len(self.by_z)), np.full(len(self.by_z), variance))
         return by_z, by_nuisance
 
@@ -208,7 +211,7 @@ def stack_at_means(
         by_shift[rows] = _shifts(root, len(rows), measurement.size)
     single_part, deviations = np.zeros(count, dtype=np.intp), np.full(count, factor * measurement.std)
     unseen = Instruments((measurement,)).unseen_turns(single_part, points, deviations)
-    return ReadingsAhead(by_z, without(by_nuisance, unseen), by_shift, measurement.drift, factor * measurement.std)
+    return ReadingsAhead(by_z, without(by_nuisance, unseen), by_shift, measurement, factor)
 
 
 def _shifts(root: Array, readings: int, size: int) -> Array:

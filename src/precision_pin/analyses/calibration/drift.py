@@ -30,7 +30,7 @@ from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding
 from precision_pin.sheet.drift import Drift
 
-MOST_KNOTS: Final = 128
+MOST_KNOTS: Final = 64
 """Steps of a walk between knots; up to as many times are exact."""
 FALSE_DRIFT: Final = 0.01
 """Probability that a drift is found where there is none."""
@@ -107,6 +107,10 @@ class Remainder(NamedTuple):
     factors: Array
     own: Array
 
+    def about_its_mean(self) -> Remainder:
+        """Return the walk less its mean over the readings, which a free base has in it."""
+        return Remainder(self.mean - self.mean.mean(axis=0), self.factors - self.factors.mean(axis=0), self.own)
+
     @property
     def std(self) -> Array:
         """Standard deviation of what remains along each axis, ``(N, 3)``."""
@@ -130,12 +134,16 @@ def remainder(rate: float, times: Array, fixed: FixedReadings) -> Remainder:
     return Remainder(mean, left.reshape(factors.shape), of_arm.own)
 
 
-def drift_ahead(drift: Drift, count: int, std: float) -> Remainder:
-    """Return what will remain of a drift in readings ``(count,)`` if fixed targets are read with ``std``, m, as it says."""
+def drift_ahead(drift: Drift, count: int, std: float, *, is_free: bool) -> Remainder:
+    """Return what will remain of a drift in readings ``(count,)`` if fixed targets are read with ``std``, m, as it says.
+
+    ``is_free``: whether the base is estimated.
+    """
     times, fixed_times, targets = drift.schedule(count)
     size = fixed_times.size
     fixed = FixedReadings(fixed_times, targets, np.zeros((size, 3)), np.tile(std**2 * np.eye(3), (size, 1, 1)))
-    return remainder(drift.rate, times, fixed)
+    left = remainder(drift.rate, times, fixed)
+    return left.about_its_mean() if is_free else left
 
 
 @dataclass(frozen=True)
@@ -197,7 +205,7 @@ class Session(Record):
     Attributes:
         drift: As stated; ``None`` where fixed targets were read only.
         rows: Which readings these are, ``(N,)``.
-        left: What was taken out of them, and what remains, in the axes of the readings.
+        left: What was taken out of them, and what remains, in the axes of the readings; about the mean if the base is free.
         targets, readings: Number of fixed targets, and of their readings.
         shown: What these show; ``None`` where they tell nothing.
     """
@@ -215,11 +223,12 @@ class Session(Record):
     shown: ShownDrift | None
 
     @classmethod
-    def of(cls, rows: NDArray[np.intp], times: Array, fixed: FixedReadings, drift: Drift | None) -> Session:
-        """Return the session of readings at times ``(N,)``, and of fixed targets."""
+    def of(cls, times: Array, fixed: FixedReadings, drift: Drift | None, *, is_free: bool) -> Session:
+        """Return the session of readings at times ``(N,)``, and of fixed targets; ``is_free`` if the base is estimated."""
         left = remainder(0.0 if drift is None else drift.rate, times, fixed)
+        left = left.about_its_mean() if is_free else left
         shown = ShownDrift.of(fixed, _EVERY if drift is None else drift.every, drift) if fixed.times.size else None
-        return cls(drift, rows, left, np.unique(fixed.targets).size, fixed.times.size, shown)
+        return cls(drift, np.arange(times.size), left, np.unique(fixed.targets).size, fixed.times.size, shown)
 
     @property
     def told(self) -> Drift:
