@@ -128,6 +128,10 @@ def test_a_drift_is_taken_out_and_neglected_it_is_named(tmp_path):
     assert taken.shown.interval[0] < 40e-6 < taken.shown.interval[1]
     little = pp.calibrate(model(), path, replace(TRACKER, drift={"std": "5 um", "every": "1 h"}))
     assert "not of 5 µm" in next(finding.message for finding in little.findings if finding.code == "W_DRIFT")
+    # a target that was touched counts as another one from then on
+    touched = [[*row[:4], str(float(row[4]) + 5), *row[5:8], "again"] if k > 20 and row[8] == "ball 1" else row
+               for k, row in enumerate(rows)]  # fmt: skip
+    assert pp.calibrate(model(), written(tmp_path / "touched.csv", touched), DRIFTING).verdict == "agrees"
     # the JSON has the readings as given
     given = np.array([row[4:7] for row in rows if not row[8]], dtype=float)
     np.testing.assert_allclose(1e3 * fit.given["readings"], given, atol=1e-9)
@@ -168,6 +172,7 @@ def test_left_out_readings_follow_from_the_others_with_what_all_share(tmp_path):
     np.testing.assert_allclose(problem.noise.colour(white), residuals, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_std_is_estimated_beside_a_drift(tmp_path):
     rows = [row[:8] for row in session(3)[0] if not row[8]]
     found = pp.calibrate(model(), written(tmp_path / "r.csv", rows, HEADS[:8]), replace(DRIFTING, std="estimate"))
@@ -175,6 +180,7 @@ def test_a_std_is_estimated_beside_a_drift(tmp_path):
     assert low < STD < high < 2.5 * low
 
 
+@pytest.mark.slow
 def test_the_forecast_is_that_of_normal_equations_with_the_covariance_of_what_remains():
     q, by_number, numbers = random_poses(4, 20), [], UnitNumbers.of(model().space)
     ahead = replace(TRACKER, drift={**DRIFT, "pace": "3 min", "fixed": 2, "fixed_every": "7 readings"})
@@ -302,6 +308,7 @@ def test_wrong_files_of_fixed_targets_are_refused(tmp_path):
     np.testing.assert_allclose(in_arrays.sessions[0].left.std, data.sessions[0].left.std)
 
 
+@pytest.mark.slow
 def test_where_a_walk_is_counted_from_is_nothing_to_a_free_base(tmp_path):
     free = replace(DRIFTING, base="free")
     data = read_data(model(), written(tmp_path / "r.csv", session(4)[0]), (free,))

@@ -271,7 +271,7 @@ def drift_warnings(sessions: Sequence[Session]) -> Iterator[Finding]:
             continue
         text = session.told.every_text
         low, high = (f"{1e6 * bound:.3g}" for bound in shown.interval)
-        figure = f"{1e6 * std:.2g}"
+        figure = f"{float(f'{1e6 * std:.2g}'):g}"
         lacks = "which the sheet lacks" if stated is None else f"not of {1e6 * stated.std:.3g} µm"
         message = (
             f"{session.readings} readings of {session.targets} fixed targets show a drift of {figure} µm in {text} "
