@@ -349,6 +349,8 @@ class Measurement:
         if self.kind == "distance" and self.sight.across is None and self.stands_at is None:
             self._fix("std", float(np.sqrt(self.sight.distance_variance(np.linalg.norm(self.anchor)))))
             return
+        if self.sight.across is None:
+            raise InputError(f"std of a length and a share of the distance belongs to a distance, not to a {self.kind}")
         if self.kind not in ("position", "pose"):
             raise InputError(
                 f"std along and across belongs to a position or a pose, not to a {self.kind}; give one std"
@@ -675,16 +677,8 @@ class MeasurementEntry(BaseModel):
 
 
 _READ: Final = (
-    "attitude_std",
-    "std",
-    "drift",
-    "target",
-    "anchor",
-    "sockets",
-    "visible_from",
-    "facing",
-    "cone",
-    "stands_at",
+    *("attitude_std", "std", "drift", "target", "anchor", "sockets"),
+    *("visible_from", "facing", "cone", "stands_at"),
 )
 """Settings of numbers, in reading order: the first error is reported."""
 # quantities of settings that are no lengths

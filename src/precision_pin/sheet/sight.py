@@ -80,13 +80,13 @@ class Sight:
         return np.asarray(across[:, None, None] * np.eye(3) + (along - across)[:, None, None] * lengthwise)
 
     def __str__(self) -> str:
-        given = [self.along] if self.across is None else [self.along, self.across]
-        texts = [f"{1e6 * constant:.4g} µm + {1e6 * share:.4g} µm/m" for constant, share in given]
-        return (
-            ", ".join(f"{text} {name}" for text, name in zip(texts, DIRECTIONS, strict=False))
-            if texts[1:]
-            else texts[0]
-        )
+        if self.across is None:
+            return _text(self.along)
+        return f"{_text(self.along)} along, {_text(self.across)} across"
+
+
+def _text(terms: tuple[float, float]) -> str:
+    return f"{1e6 * terms[0]:.4g} µm + {1e6 * terms[1]:.4g} µm/m"
 
 
 def _terms(what: str, value: object) -> tuple[float, float]:

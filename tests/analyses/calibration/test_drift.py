@@ -290,10 +290,10 @@ def test_wrong_files_of_fixed_targets_are_refused(tmp_path):
         (r"d\.csv:4: .*the time is missing", read, "d.csv", change(2, 7, "")),
         ("'mm' of the column 'time' is not a unit of time", read, "e.csv", rows, [*HEADS[:7], "time [mm]", "fixed"]),
         ("fixed targets need the std of the instrument", read, "f.csv", rows, HEADS, replace(TRACKER, std="estimate")),
-        ("a file of fixed targets follows the file", read, "g.csv", fixed, HEADS[4:]),
+        ("a file of fixed targets follows that", read, "g.csv", fixed, HEADS[4:]),
         ("fixed targets need the time", read, "j.csv", [r[:3] + r[4:] for r in fixed], [*HEADS[4:7], "fixed"],
          DRIFTING, only_arm),
-        ("needs drift: .* a time and not readings", read, "h.csv", fixed, HEADS[4:], counted, only_arm),
+        ("need drift: .* a time", read, "h.csv", fixed, HEADS[4:], counted, only_arm),
     )  # fmt: skip
     distances = [[*row[:4], row[4], *row[7:]] for row in rows]
     heads = [*HEADS[:4], "distance [mm]", *HEADS[7:]]

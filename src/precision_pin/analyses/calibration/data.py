@@ -173,9 +173,7 @@ def _without_fixed(model: ErrorModel, sources: list[Any]) -> tuple[list[Any], di
         if _FIXED not in names or names & set(model.chain.joint_names):
             others.append(source)
         elif not others or len(others) - 1 in fixed:
-            raise _error(
-                os.fspath(source), "a file of fixed targets follows the file of the readings that it belongs to"
-            )
+            raise _error(os.fspath(source), "a file of fixed targets follows that of the arm's readings")
         else:
             fixed[len(others) - 1] = os.fspath(source)
     return others, fixed
@@ -267,7 +265,7 @@ def _read_file(
         ignored=[name for name in csv_columns.TIMES if name not in (*joints, clock.name.casefold())],
         may_miss=True,
     )
-    is_fixed = np.array([bool(text) for text in table.texts.get(_FIXED, ())] or np.zeros(len(table.rows)), dtype=bool)
+    is_fixed = np.array(table.texts.get(_FIXED, ("",) * len(table.rows))) != ""
     targets = [target for m in measurements for target in _targets(table, joints, m, path, len(measurements) == 1)]
     _check_columns(model.chain, table, targets, path, clock.name)
     if len({measurement.coupled for measurement in measurements}) > 1:
@@ -371,12 +369,10 @@ class _Clock(NamedTuple):
         names = [*in_file, *(name for name, _ in columns.names.values())]
         texts = (_FIXED,) if _FIXED in names and _FIXED not in joints else ()
         is_needed = drift is not None or bool(texts) or fixed_path is not None
-        if not is_needed or (drift is not None and drift.is_counted and fixed_path is None):
+        if drift is not None and drift.is_counted and fixed_path is not None:
+            raise _error(fixed_path, "fixed targets in a file of their own need drift: {every: 1 h}, a time")
+        if not is_needed or (drift is not None and drift.is_counted):
             return cls("", texts, is_needed)
-        if drift is not None and drift.is_counted:
-            raise _error(
-                fixed_path or path, "a file of fixed targets needs drift: {every: 1 h}, a time and not readings"
-            )
         times = sorted(name for name in names if _is_time(name) and name not in joints)
         if not times and in_file:
             needs = "drift" if drift is not None else "a fixed target"
