@@ -324,6 +324,8 @@ def test_where_a_walk_is_counted_from_is_nothing_to_a_free_base(tmp_path):
         assert abs(fits[0].posterior.mean[name] - fits[1].posterior.mean[name]) < 1e-4 * std
         assert std == pytest.approx(fits[1].posterior.std[name], rel=1e-6)
     assert (fits[0].set_up.base_std < 1.01 * fits[1].set_up.base_std).all()
+    plain = pp.calibrate(model(), data, free, prior=False, at=data.q[:, :1])
+    check_refused(("its instrument drifted, so that its readings", pp.population, model(), [plain, plain], free))
     ahead = replace(free, drift={**DRIFT, "pace": "3 min"})
     plan = pp.plan_calibration(model(), data.q, 6, ahead)
     assert plan.rms("after") == pytest.approx(pp.forecast_calibration(model(), plan.q, ahead, at=data.q).rms("after"))
