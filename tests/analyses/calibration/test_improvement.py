@@ -112,7 +112,7 @@ def test_groups_that_share_errors_are_fewer_trials():
     columns = []
     for white in estimator.residual_projector():
         residuals = np.zeros_like(problem.readings)
-        for _, places, span, root in problem.at_stations:
+        for places, span, root in zip(problem.places, problem.spans, problem.roots, strict=True):
             residuals[places] = root @ white[span]
         found = leave_out(problem, estimator, estimator, residuals, groups)
         columns.append(found.values.ravel())
