@@ -103,11 +103,14 @@ class Elasticity:
             terms, common = self._common(by_label)
             return self._undeflected(posture, common, TermTable.build(posture, self.model.space, terms))
         x = None if values is None else np.append(values, np.zeros(6))
-        state = solve_equilibrium(posture.with_loads([probe]), self.model.space, self._all_terms, values=x)
+        # a force of zero, so that what no load displaces yet has a slot too
+        nothing = self._load(posture, probe.wrenches[:1])
+        state = solve_equilibrium(posture.with_loads([nothing]), self.model.space, self._all_terms, values=x)
         directions = state.feedback.list_directions(state.table)
         # the stiffness in pieces is that of the loads without the probe
         deciding = replace(state.posture, loads=posture.loads)
-        terms, common = self._common(_loaded_terms(self.model, replace(state.posture, deciding=deciding)))
+        probed = replace(state.posture, loads=(*posture.loads, probe), deciding=deciding)
+        terms, common = self._common(_loaded_terms(self.model, probed))
         table, count = TermTable.build(posture, self.model.space, terms), len(state.table.targets)
         numbers = {target: k for k, target in enumerate(state.table.targets)}
         slots = np.array([numbers[term.target] + count for term in terms], dtype=np.intp)

@@ -33,6 +33,7 @@ from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.render.columns import Column, frame_row, notebook_table
 from precision_pin.render.html import rendered
 from precision_pin.render.tables import MOST_POSES, data_frame, pose_labels
+from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress
 from precision_pin.sampling.run import check_common
@@ -428,6 +429,10 @@ def stiffness(
         model, directions, force, _positive("goal", goal, LINEAR_COMPLIANCE), x, confidence, Elasticity(model)
     )
     names, pose_list, warnings = _listed(model, poses)
+    values = np.column_stack([model.configuration(pose) for pose in pose_list])
+    doubts = pose_findings(model.chain, values, names) if len(names) > 1 else model.chain.at(values[:, 0]).findings
+    add(doubts)
+    warnings += map(str, doubts)
     with steps_to(progress, len(pose_list), "poses") as step:
         entries = []
         for name, pose, elastic in zip(names, pose_list, load.elasticity.at_many(pose_list), strict=True):
@@ -488,7 +493,6 @@ class _Loading:
 
     def at(self, name: str, pose: Pose, elastic: ElasticPose) -> PoseStiffness:
         """Return the stiffness at a pose."""
-        add(elastic.posture.findings)
         if not elastic.labels:
             raise InputError(
                 "nothing in the sheet gives way under a load, so the arm has no stiffness: add the flexibility of a joint, a "
