@@ -442,3 +442,17 @@ def test_a_path_that_takes_long_is_refused_with_the_time_unless_its_robots_are_a
     run(*way, "--samples", "10000")
     monkeypatch.setattr("precision_pin.analyses.path._LONG", 2 * 3 * 10_000)
     run(*way)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--rated", "3 kg"], "--rated: 'kg'"),
+        (["--goal", "1 um"], "write it as '1 um/N'"),
+        (["--axes", "0 0 0"], "--axes: base, tool or a direction"),
+        (["--axes", "up"], "--axes: base, tool or a direction"),
+        (["--robots", "0"], "robots must be"),
+    ],
+)
+def test_a_wrong_load_or_axis_is_one_line(refused, words, message):
+    assert message in refused("stiffness", *words)
