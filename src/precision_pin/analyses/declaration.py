@@ -10,6 +10,8 @@ from importlib import import_module
 from operator import attrgetter
 from typing import Any, NamedTuple
 
+from precision_pin.base.errors import InputError, UnitError
+
 
 def load(place: str) -> Any:
     """Import and return the object ``package.module:name``."""
@@ -34,6 +36,21 @@ SHARED_OPTIONS = (
 
 class WrongUsageError(ValueError):
     """Arguments or options that contradict each other; the command line adds where its help is."""
+
+
+def reader(option: str, example: str, parse: Callable[[Any, str], Any]) -> Callable[[str], Any]:
+    """Return the function that reads an option with a unit; ``parse`` is given the module of units, imported late."""
+
+    def read(text: str) -> Any:
+        from precision_pin.base import units
+
+        try:
+            return parse(units, text)
+        except UnitError as error:
+            message = f"{option}: {error.findings[0].message}; write it as {example!r}"
+            raise InputError.of("E_USAGE", message) from None
+
+    return read
 
 
 class Option(NamedTuple):

@@ -168,12 +168,19 @@ class Elasticity:
         moves = np.einsum("tij,tj->ti", table.sensitivities[table.target], table.twists)
         return ElasticPose(posture, common, table, moves, None)
 
-    def displacement(self, posture: Posture, wrench: Array) -> Array:
-        """Return ``[d; δ]`` of the target by a whole force and moment ``(6,)`` at a posture, every parameter at its mean.
+    def error(self, posture: Posture, wrench: Array | None = None) -> Array:
+        """Return the error of the target with every parameter at its mean, under a further force and moment ``(6,)``.
 
-        To first order with nominal statics, else between the two states of rest.
+        To first order with nominal statics, else at rest.
         """
-        return self._error(posture.with_loads([self._load(posture, [(wrench, ())])])) - self._error(posture)
+        space = self.model.space
+        if wrench is not None:
+            posture = posture.with_loads([self._load(posture, [(wrench, ())])])
+        if self.statics == "equilibrium":
+            return solve_equilibrium(posture, space, self._all_terms).alone(posture, space).error_at_means
+        terms = self._all_terms(posture)
+        at = PoseModel(posture, space, TermTable.build(posture, space, terms), terms)
+        return at.linear(space.mean[:, None])[:, 0]
 
     def dead_bands(self, posture: Posture) -> dict[str, tuple[int, float]]:
         """Return the joint (0-based) held by the friction of each source that holds one, and the width of its band.
@@ -204,14 +211,6 @@ class Elasticity:
         chain = posture.chain
         entry = chain.placements[-1][:3, 3]
         return Load(len(chain.joints), chain.target_placement, entry, along=False, moments=(), wrenches=tuple(wrenches))
-
-    def _error(self, posture: Posture) -> Array:
-        space = self.model.space
-        mean = space.mean[:, None]
-        if self.statics == "equilibrium":
-            return solve_equilibrium(posture, space, self._all_terms).alone(posture, space).exact(mean)[:, 0]
-        terms = self._all_terms(posture)
-        return PoseModel(posture, space, TermTable.build(posture, space, terms), terms).linear(mean)[:, 0]
 
     def _all_terms(self, posture: Posture) -> tuple[Term, ...]:
         return tuple(term for source in self.model.bound_sources for term in source.terms(posture))

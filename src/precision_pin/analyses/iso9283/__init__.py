@@ -1,12 +1,22 @@
 """Figures of ISO 9283:1998 from measured cycles, and their law over built robots and tests."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from precision_pin.analyses.declaration import INPUTS, MEASURE, OUTPUT, ROBOT, Asked, Declaration, Job, Option, PagePart
-from precision_pin.base.errors import InputError, UnitError
+from precision_pin.analyses.declaration import (
+    INPUTS,
+    MEASURE,
+    OUTPUT,
+    ROBOT,
+    Asked,
+    Declaration,
+    Job,
+    Option,
+    PagePart,
+    reader,
+)
+from precision_pin.base.errors import InputError
 
 # poses P1 to P5 of the standard in the cube
 _IN_CUBE = 5
@@ -60,21 +70,6 @@ def prepare(request: Asked) -> Job:
     )
 
 
-def _read(option: str, example: str, parse: Callable[[Any, str], Any]) -> Callable[[str], Any]:
-    """Return the function that reads an option with a unit; ``parse`` is given the module of units, imported late."""
-
-    def read(text: str) -> Any:
-        from precision_pin.base import units
-
-        try:
-            return parse(units, text)
-        except UnitError as error:
-            message = f"{option}: {error.findings[0].message}; write it as {example!r}"
-            raise InputError.of("E_USAGE", message) from None
-
-    return read
-
-
 DECLARATION = Declaration(
     name="iso9283",
     function=f"{__name__}.forecast:iso9283",
@@ -98,11 +93,11 @@ DECLARATION = Declaration(
         Option(
             "--target", "measured_point", "The measured point in tool axes (default: the tip).", metavar='"X Y Z mm"',
             group=ROBOT,
-            read=_read("--target", "0 0 100 mm", lambda units, text: units.parse_vector(text, units.LENGTH, count=3)),
+            read=reader("--target", "0 0 100 mm", lambda units, text: units.parse_vector(text, units.LENGTH, count=3)),
         ),
         Option(
             "--load", "load", "Mass at the target, in addition to the loads of the sheet.", metavar='"M kg"',
-            read=_read("--load", "5 kg", lambda units, text: units.parse(text, units.MASS)),
+            read=reader("--load", "5 kg", lambda units, text: units.parse(text, units.MASS)),
         ),
         Option("--fit-base", "fit_base", "Align the base by the best fit over the poses.", bool),
         Option(

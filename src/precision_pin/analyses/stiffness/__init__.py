@@ -1,12 +1,21 @@
 """How far the tool gives way under a load: compliance, softest direction, ISO 9283 static compliance, their law over robots."""
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from precision_pin.analyses.declaration import INPUTS, SAMPLING, Asked, Declaration, Files, Job, Option, PagePart
-from precision_pin.base.errors import InputError, UnitError
+from precision_pin.analyses.declaration import (
+    INPUTS,
+    SAMPLING,
+    Asked,
+    Declaration,
+    Files,
+    Job,
+    Option,
+    PagePart,
+    reader,
+)
+from precision_pin.base.errors import InputError
 
 # poses of which each has a figure
 _MOST_DRAWN = 12
@@ -34,21 +43,6 @@ def prepare(request: Asked) -> Job:
         return Files(figures)
 
     return Job(run, steps=len(poses), what="loading", unit="poses", files=files)
-
-
-def _read(option: str, example: str, parse: Callable[[Any, str], Any]) -> Callable[[str], Any]:
-    """Return the function that reads an option with a unit; ``parse`` is given the module of units, imported late."""
-
-    def read(text: str) -> Any:
-        from precision_pin.base import units
-
-        try:
-            return parse(units, text)
-        except UnitError as error:
-            message = f"{option}: {error.findings[0].message}; write it as {example!r}"
-            raise InputError.of("E_USAGE", message) from None
-
-    return read
 
 
 def _axes(text: str) -> str | list[float]:
@@ -82,7 +76,7 @@ DECLARATION = Declaration(
     options=(
         Option(
             "--rated", "rated", "Load up to which the static compliance of ISO 9283 is stepped, in tenths of it.",
-            metavar='"300 N"', read=_read("--rated", "300 N", lambda units, text: units.parse(text, units.FORCE)),
+            metavar='"300 N"', read=reader("--rated", "300 N", lambda units, text: units.parse(text, units.FORCE)),
         ),
         Option(
             "--axes", "axes", "Axes of forces: base, tool, or one direction in base axes.", default="base",
@@ -90,7 +84,7 @@ DECLARATION = Declaration(
         ),
         Option(
             "--goal", "goal", "Largest compliance wanted: how much stiffer each part must be, and how many robots keep it.",
-            metavar='"1 um/N"', read=_read("--goal", "1 um/N", lambda units, text: units.parse(text, units.LINEAR_COMPLIANCE)),
+            metavar='"1 um/N"', read=reader("--goal", "1 um/N", lambda units, text: units.parse(text, units.LINEAR_COMPLIANCE)),
         ),
         *("poses", "target", "chain"),
         Option("--robots", "robots", "Built robots of the law.", int, 1000, "N", group=SAMPLING),

@@ -32,7 +32,7 @@ from precision_pin.model.compliance import Elasticity, ElasticPose
 from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.render.columns import Column, frame_row, notebook_table
 from precision_pin.render.html import rendered
-from precision_pin.render.tables import MOST_POSES, data_frame, pose_labels
+from precision_pin.render.tables import MOST_POSES, data_frame, milli, pose_labels
 from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress
@@ -251,6 +251,11 @@ def number(value: float) -> str:
     return f"{0.0 if abs(value) < _ROUNDING else value:.4g}"
 
 
+def per_kilonewton(compliance: float) -> str:
+    """Return a compliance in mm/kN as text."""
+    return number(1e6 * compliance)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class StiffnessResult(AnalysisResult):
     """Stiffness at one or several poses, along the axes of ``directions``: ``base``, ``tool`` or a vector."""
@@ -272,9 +277,9 @@ class StiffnessResult(AnalysisResult):
             lambda row: (row.of.law.quantiles[0.95], row.of.law.quantile_interval[0.95]), frame="q95", has_interval=True
         ),
         Column("robots", text="95 % of robots", notebook="95 % of robots", report="95 % of robots"),
-        Column("plus", number, text="static, +", notebook="static, +", report="static, +", frame="static_plus"),
-        Column("minus", number, text="static, -", notebook="static, -", report="static, -", frame="static_minus"),
-        Column("band", number, text="dead band mm", notebook="dead band mm", report="dead band mm", frame="dead_band"),
+        Column("plus", per_kilonewton, "static, +", "static, +", "static, +", "static_plus"),
+        Column("minus", per_kilonewton, "static, -", "static, -", "static, -", "static_minus"),
+        Column("band", milli, "dead band mm", "dead band mm", "dead band mm", "dead_band"),
     )
 
     directions: str | Array
@@ -318,8 +323,8 @@ class StiffnessResult(AnalysisResult):
 
     def rows(self, pose: PoseStiffness) -> list[Row]:
         """Return a row for each axis and for the softest direction, of displacements and of rotations."""
-        ends = {name: 1e6 * float(steps.compliance[-1]) for name, steps in pose.static_compliance.items()}
-        bands = 1e3 * pose.band if pose.dead_band else [None] * len(pose.axes)
+        ends = {name: float(steps.compliance[-1]) for name, steps in pose.static_compliance.items()}
+        bands = pose.band if pose.dead_band else [None] * len(pose.axes)
         rows = [
             Row(entry.axis, entry, False, ends.get(f"+{entry.axis}"), ends.get(f"-{entry.axis}"), band)
             for entry, band in zip(pose.axes, bands, strict=True)
@@ -331,8 +336,8 @@ class StiffnessResult(AnalysisResult):
     def to_pandas(self) -> pandas.DataFrame:
         """Return the result as a data frame, SI: a row for each pose and axis.
 
-        The columns are ``compliance``, ``mean`` and ``std`` over robots, ``q95`` with ``_lower`` and ``_upper``; at the rated
-        load ``static_plus`` and ``static_minus`` in mm/kN, ``dead_band`` in mm. ``attrs`` gives the settings.
+        The columns are ``compliance``, ``mean`` and ``std`` over robots, ``q95`` with ``_lower`` and ``_upper``, at the rated
+        load ``static_plus`` and ``static_minus``, and ``dead_band``. ``attrs`` gives the settings.
         """
         joints = {label: dict(entry.pose.q) for label, entry in zip(self.labels, self.poses, strict=True)}
         lines = [
@@ -586,25 +591,25 @@ class _Loading:
     def _steps(self, elastic: ElasticPose, whole: Array, names: Sequence[str], axes: Array) -> dict[str, Steps]:
         if self.rated is None:
             return {}
-        forces = self.rated * np.arange(1, STEPS + 1) / STEPS
-        result = {}
+        forces, result = self.rated * np.arange(1, STEPS + 1) / STEPS, {}
+        start = self.elasticity.error(elastic.posture)[:3]
         for name, u in zip(names, axes, strict=True):
             for sign in (1.0, -1.0):
                 tangent = np.outer(forces, whole[:3, :3] @ u * sign)
-                end = self._displacement(elastic, self.rated, sign * u)
+                end = self._position(elastic, self.rated, sign * u) - start
                 if np.abs(end - tangent[-1]).max() > _STRAIGHT * np.abs(tangent[-1]).max():
                     tangent[-1] = end
                     for k, force in enumerate(forces[:-1]):
-                        tangent[k] = self._displacement(elastic, float(force), sign * u)
+                        tangent[k] = self._position(elastic, float(force), sign * u) - start
                 along = tangent @ u * sign / forces
                 result[f"{'+' if sign > 0 else '-'}{name}"] = Steps(
                     self.rated / STEPS, self.rated, forces, tangent, along
                 )
         return result
 
-    def _displacement(self, elastic: ElasticPose, force: float, u: Array) -> Array:
+    def _position(self, elastic: ElasticPose, force: float, u: Array) -> Array:
         try:
-            return self.elasticity.displacement(elastic.posture, np.concatenate([force * u, np.zeros(3)]))[:3]
+            return self.elasticity.error(elastic.posture, np.concatenate([force * u, np.zeros(3)]))[:3]
         except InputError as error:
             raise InputError(f"under {force:g} N along {vector_text(u)}: {error.findings[0].message}") from None
 

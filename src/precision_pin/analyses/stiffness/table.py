@@ -12,11 +12,12 @@ from precision_pin.analyses.stiffness.stiffness import (
     PoseStiffness,
     StiffnessResult,
     number,
+    per_kilonewton,
     vector_text,
 )
 from precision_pin.base.errors import visible
 from precision_pin.render.columns import Column, text_lines
-from precision_pin.render.tables import percent
+from precision_pin.render.tables import milli, percent
 from precision_pin.render.text_table import aligned, limited, remainder
 
 _EVEN: Final = 1e-4
@@ -52,17 +53,13 @@ def answer(pose: PoseStiffness) -> str:
     """Return how far the tool gives way, where it is softest and what gives most, as a sentence."""
     length, axis, force = pose.largest
     softest, first = pose.softest, pose.sources[0]
-    where = f"{vector_text(softest.direction)}: {_milli(softest)} mm/kN, {_stiffness(softest)} N/µm"
+    where = f"{vector_text(softest.direction)}: {per_kilonewton(softest.compliance)} mm/kN, {_stiffness(softest)} N/µm"
     reach = (
         f"by up to {1e3 * length:.3g} mm ({axis}); softest along {where}"
         if axis
         else f"by up to {1e3 * length:.3g} mm, along {where}"
     )
     return f"{force:g} N move the tool {reach}; {visible(first.source)} gives {100 * first.share:.0f} % of it"
-
-
-def _milli(entry: Direction) -> str:
-    return number(1e6 * entry.compliance)
 
 
 def _stiffness(entry: Direction) -> str:
@@ -86,7 +83,7 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
     if pose.goal is not None:
         low, high = pose.goal.interval
         lines.append(
-            f"within {number(1e6 * pose.goal.limit)} mm/kN: {percent(pose.goal.probability)} % of robots, interval "
+            f"within {per_kilonewton(pose.goal.limit)} mm/kN: {percent(pose.goal.probability)} % of robots, interval "
             f"{percent(low)} to {percent(high)} %"
             + (f"; all parts together × {pose.goal.together:.3g}" if pose.goal.together > 1 else "")
         )
@@ -94,7 +91,7 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
     if pose.dead_band:
         names = [entry.axis for entry in pose.axes]
         rows = [["held by friction", *(f"{name} mm" for name in names)]]
-        rows += [[visible(held.source), *(number(1e3 * length) for length in held.axes)] for held in pose.dead_band]
+        rows += [[visible(held.source), *(milli(length, 4) for length in held.axes)] for held in pose.dead_band]
         lines += ["", *aligned(rows, words=1)]
     return lines
 
@@ -111,7 +108,7 @@ def _part_rows(result: StiffnessResult, pose: PoseStiffness) -> list[list[str]]:
         ["mm/kN", "share", "softest", *(entry.axis for entry in pose.axes), *(["stiffer alone"] if pose.goal else [])]
     ]
     for part in pose.sources[: limited(_PARTS)]:
-        sizes = (number(1e6 * size) for size in (part.compliance, *part.axes))
+        sizes = (per_kilonewton(size) for size in (part.compliance, *part.axes))
         row = [visible(part.source), f"{percent(part.share)} %", *sizes]
         if pose.goal is not None:
             row.append("not alone" if part.factor is None else "kept" if part.factor == 1.0 else f"× {part.factor:.3g}")
@@ -128,7 +125,7 @@ def _step_lines(pose: PoseStiffness) -> list[str]:
     if all(np.ptp(entry.compliance) <= _EVEN * entry.compliance.max() for _, entry in entries):
         return ["", f"static compliance: the same at every step of {first.step:g} N up to {first.rated:g} N"]
     rows = [["force N", *(f"{force:g}" for force in first.force)]]
-    rows += [[name, *(number(1e6 * c) for c in entry.compliance)] for name, entry in entries]
+    rows += [[name, *(per_kilonewton(c) for c in entry.compliance)] for name, entry in entries]
     return ["", "static compliance along the force, mm/kN:", *aligned(rows, words=1)]
 
 
@@ -141,8 +138,12 @@ def _overview(result: StiffnessResult) -> list[str]:
         rows.append(
             [
                 visible(result.labels[k]),
-                *(_milli(pose.softest), vector_text(pose.softest.direction), _stiffness(pose.softest)),
-                *(_milli(entry) for entry in pose.axes),
+                *(
+                    per_kilonewton(pose.softest.compliance),
+                    vector_text(pose.softest.direction),
+                    _stiffness(pose.softest),
+                ),
+                *(per_kilonewton(entry.compliance) for entry in pose.axes),
                 visible(pose.sources[0].source),
             ]
         )
