@@ -282,7 +282,7 @@ def test_what_is_shown():
     softest = np.linalg.eigh(by_hand()[:3, :3])[1][:, -1] @ jacobian(ANGLES)[:3, 0]
     share = 100 * softest**2 * SOFT[0] / 0.0017766968194753443
     assert text.startswith(
-        "300 N move the tool by up to 533 mm (+z); softest along (0.02 0 1): 1777 mm/kN, 0.0005628 N/µm; "
+        "300 N along an axis move the tool by up to 533 mm (+z); softest along (0.02 0 1): 1777 mm/kN, 0.0005628 N/µm; "
     )
     assert f"joint_compliance[j1] gives {share:.0f} % of it" in text.split("\n")[0]
     assert "free sideways" in text

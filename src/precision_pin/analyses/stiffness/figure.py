@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from precision_pin.analyses.stiffness.stiffness import Direction, PoseStiffness, StiffnessResult, vector_text
-from precision_pin.analyses.stiffness.table import answer, shown_columns
+from precision_pin.analyses.stiffness.table import answer, pose_columns
 from precision_pin.base.arrays import Array
 from precision_pin.render import figure_style
 from precision_pin.render.columns import report_table
@@ -152,7 +152,7 @@ def stiffness_chapter(result: StiffnessResult) -> Chapter:
         "Compliance in the softest direction, which lines show, at the poses of the grid.",
     )
     rows = report_table(
-        f"Compliance at the softest pose, {softest.pose.name}", shown_columns(result, softest), result.rows(softest)
+        f"Compliance at the softest pose, {softest.pose.name}", pose_columns(result, softest), result.rows(softest)
     )
     sentences = (f"{line[0].upper()}{line[1:]}." for line in (result.how, *result.assumptions))
     note = paragraph(" ".join(sentences), class_="note")

@@ -24,7 +24,7 @@ _EVEN: Final = 1e-4
 """Relative difference between steps that is none."""
 _PARTS: Final = 8
 """Elastic sources listed."""
-_SHOWN: Final = 3
+_DETAILED: Final = 3
 """Poses up to which each has tables of its own."""
 _LISTED: Final = 12
 """Poses listed otherwise, the softest first."""
@@ -38,7 +38,7 @@ def table(result: StiffnessResult) -> str:
             [pose.pose for pose in poses], [pose.softest.compliance for pose in poses], [answer(pose) for pose in poses]
         )
     ]
-    if len(poses) > _SHOWN:
+    if len(poses) > _DETAILED:
         parts.append("\n".join([result.how, "", *_overview(result)]))
         poses = (poses[result.softest_pose],)
     parts += ["\n".join(_pose_lines(result, pose)) for pose in poses]
@@ -54,12 +54,9 @@ def answer(pose: PoseStiffness) -> str:
     length, axis, force = pose.largest
     softest, first = pose.softest, pose.sources[0]
     where = f"{vector_text(softest.direction)}: {per_kilonewton(softest.compliance)} mm/kN, {_stiffness(softest)} N/µm"
-    reach = (
-        f"by up to {1e3 * length:.3g} mm ({axis}); softest along {where}"
-        if axis
-        else f"by up to {1e3 * length:.3g} mm, along {where}"
-    )
-    return f"{force:g} N move the tool {reach}; {visible(first.source)} gives {100 * first.share:.0f} % of it"
+    by = f"by up to {1e3 * length:.3g} mm"
+    moved = f"along an axis move the tool {by} ({axis}); softest along" if axis else f"move the tool {by}, along"
+    return f"{force:g} N {moved} {where}; {visible(first.source)} gives {100 * first.share:.0f} % of it"
 
 
 def _stiffness(entry: Direction) -> str:
@@ -71,7 +68,7 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
         subject(result.provenance, pose.pose),
         result.how,
         "",
-        *text_lines(shown_columns(result, pose), result.rows(pose)),
+        *text_lines(pose_columns(result, pose), result.rows(pose)),
     ]
     if pose.solved_difference is not None:
         lines += [
@@ -96,7 +93,7 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
     return lines
 
 
-def shown_columns(result: StiffnessResult, pose: PoseStiffness) -> list[Column]:
+def pose_columns(result: StiffnessResult, pose: PoseStiffness) -> list[Column]:
     """Return the columns that have values at a pose."""
     unused = set() if pose.static_compliance else {"plus", "minus"}
     unused |= set() if pose.dead_band else {"band"}
