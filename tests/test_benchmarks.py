@@ -193,7 +193,7 @@ def test_maps_of_every_arm_are_timed(monkeypatch):
     poses = load("poses")
     assert poses.slope([10, 100, 1000], {10: 1e-3, 100: 1e-2, 1000: 0.1}) == pytest.approx(1)
     sheets = poses.shipped_sheets()
-    assert {"4dof", "panda", "so101", "ur10e", "ur3e", "ur5", "ur5e", "xarm7"} == set(sheets)
+    assert {"4dof", "panda", "so100", "so101", "ur10e", "ur3e", "ur5", "ur5e", "xarm7"} == set(sheets)
     monkeypatch.setattr(poses, "shipped_sheets", lambda: {name: sheets[name] for name in ("4dof", "xarm7")})
     monkeypatch.setattr(poses, "MAPPED", (1, 2))
     monkeypatch.setattr(poses, "STEADY", 1)

@@ -42,7 +42,7 @@ MEASURED = {
     "ur5e": {"ready": (0.2, 0.8), "stretched": (1.1, 1.4), "folded": (0.3, 0.7)},
     "ur10e": {"ready": (1.3, 2.7, 3.1, 3.2), "stretched": (2.2, 2.7, 2.8, 3.9), "folded": (1.0, 1.3, 2.6, 2.9)},
 }
-SOURCED = (*MEASURED, "so101")  # of which no absolute error is published
+SOURCED = (*MEASURED, "so100", "so101")  # of the last two no absolute error is published
 REPEATABILITY = {"ur3e": 0.03, "ur5e": 0.03, "ur10e": 0.05}  # mm, their data sheets; 0.1 mm of the others
 
 # mean and standard deviation over the nine UR5 of d (mm) and δ (mrad), base axes

@@ -29,7 +29,7 @@ ELSEWHERE: Final = (PREFIX, DESCRIPTIONS)
 _ENDING: Final = "_description"
 ROBOTS: Final = Path(__file__).parents[1] / "robots"
 PAPER: Final = "4dof"
-SHIPPED: Final = (PAPER, "panda", "so101", "ur10e", "ur3e", "ur5", "ur5e", "xarm7")
+SHIPPED: Final = (PAPER, "panda", "so100", "so101", "ur10e", "ur3e", "ur5", "ur5e", "xarm7")
 """Short names of the robots that this package has a sheet for."""
 SUFFIX: Final = ".errors.yaml"
 ROBOT_SUFFIXES: Final = (".urdf", ".xml")
