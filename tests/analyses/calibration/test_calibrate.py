@@ -482,3 +482,14 @@ def test_only_estimates_one_kind_and_leaves_the_rest_where_it_is():
     narrow = pp.ErrorModel(chain, pp.Space(), [JointOffset(joint="joint1", offset=pp.Normal(1e-4))])
     expected = r"E_DATA.*zeros of the joints alone would explain them to .*joint2 -20°, joint1 \+15°.*wide tolerances"
     check_refused((expected, pp.calibrate, narrow, (read, places), given))
+
+
+def test_a_fit_whose_steps_end_in_rounding_settles(tmp_path):
+    """All geometry of a UR5 free and readings that it does not explain: the steps stay at 1e-7 of a deviation."""
+    path = tmp_path / "arm.errors.yaml"
+    path.write_text(pp.init("example:ur5", tip="tool0", calibration=True), encoding="utf-8")
+    model, free = pp.ErrorModel.load(path), pp.Measurement(std=20e-6, base="free", target_known=False)
+    q, rng = np.random.default_rng(0).uniform(-2, 2, (6, 40)), np.random.default_rng(1)
+    readings = readings_of(model, q, free, seed=0) @ MOVED[:3, :3].T + MOVED[:3, 3]
+    found = pp.calibrate(model, (q, readings + rng.normal(0, 60e-6, (40, 3))), free)
+    assert found.steps < 20

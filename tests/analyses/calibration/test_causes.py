@@ -4,13 +4,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.causes import TOLERANCE, columns_of, rank, weigh
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.fit import Problem
+from precision_pin.analyses.calibration.gains import JOINTS_READ
+from precision_pin.analyses.calibration.table import calibration_table
 from precision_pin.analyses.number_law import tail
 from precision_pin.sources import Backlash, JointCompliance, Transmission
 
@@ -24,7 +26,7 @@ def linear_problem():
     model, q = plain_model(), random_poses(4, 15)
     data = read_data(model, (q, readings_of(model, q, FREE)), (FREE,))
     problem = Problem.of(model, data)[0]
-    columns, labels = columns_of(problem, data.q, problem.start)
+    columns, labels = columns_of(problem, data, problem.start)
     return problem, columns, labels, *problem.slopes(np.zeros(problem.unit.root.shape[1]), problem.start)
 
 
@@ -155,3 +157,75 @@ def test_what_the_sheet_has_is_no_cause_and_a_small_tolerance_is_told_from_one()
     first = pp.calibrate(offsets(pp.Normal(2e-6)), (q, readings_of(real, q, TRACKER, seed=2)), TRACKER).causes[0]
     assert (first.kind, first.unit) == (TOLERANCE, "prior std")
     assert first.joint.startswith("joint_offset[")
+
+
+def written(path, q, readings, **more):
+    """Write readings of the paper's arm with further columns, in SI."""
+    names = [*(f"joint{k} [rad]" for k in range(1, 5)), "x [m]", "y [m]", "z [m]", *more]
+    rows = np.column_stack([q.T, readings, *more.values()])
+    np.savetxt(path, rows, "%.17g", delimiter=",", header=",".join(names), comments="")
+    return path
+
+
+@pytest.mark.slow
+def test_an_arm_read_before_it_settled_is_named_with_the_gain_of_a_refit():
+    """A share of the step from the pose before is left. The gain is that of other fits, each without one pose."""
+    model, q, count = offsets(pp.Normal(1e-3)), random_poses(4, 20), 20
+    steps, shares = np.diff(q, axis=1, prepend=q[:, :1]), np.array([5e-5, 8e-5, 6e-5, 7e-5])[:, None]
+    readings = readings_of(model, q - shares * steps, TRACKER, seed=3)
+    found = pp.calibrate(model, (q, readings), TRACKER)
+    first, gain = found.causes[0], found.gains[0]
+    assert (first.kind, first.is_shared, gain.kind, gain.label) == (
+        "settling",
+        True,
+        "settling",
+        str(first).split(" (")[0],
+    )
+    assert first.interval[0] < shares[int(first.joint[-1]) - 1, 0] < first.interval[1]
+    chain, seen = model.chain, np.eye(count) == 0
+
+    def away(x, rows):
+        places = chain.at_columns(q[:, rows] + 1e-3 * x[:4, None] - 1e-4 * x[4:, None] * steps[:, rows]).pose[:3, 3]
+        return (readings[rows] - places.T).ravel() / TRACKER.std
+
+    def left_out(row):
+        # shares have a wide prior, as the fit gives them
+        cost = optimize.least_squares(lambda x: np.append(away(x, seen[row]), x * np.repeat([1, 1e-2], 4)), np.zeros(8))
+        return away(cost.x, [row])
+
+    refit = TRACKER.std * np.sqrt(np.mean([(left_out(row) ** 2).sum() for row in range(count)]))
+    assert gain.after == pytest.approx(refit, rel=0.05)
+    assert (gain.before, gain.after < 0.8 * gain.before) == (pytest.approx(found.improvement.after, rel=1e-9), True)
+    assert gain.interval[0] < gain.gain < gain.interval[1]
+    (warning,) = (one.message for one in found.findings if one.code == "W_CAUSE")
+    assert f"left-out error {1e3 * gain.before:.3g} -> {1e3 * gain.after:.3g} mm rms" in warning
+
+
+@pytest.mark.slow
+def test_joint_values_as_read_are_compared_with_those_given(tmp_path):
+    """The gain is the difference of two fits, whichever of both is given."""
+    model, given = offsets(pp.Normal(1e-3)), random_poses(4, 20)
+    read = given + np.random.default_rng(1).uniform(-3e-5, 3e-5, given.shape)
+    readings = readings_of(model, given, TRACKER, seed=3)
+    outcomes = []
+    for q, other in ((given, read), (read, given)):
+        more = {f"joint{k}_read [rad]": values for k, values in enumerate(other, 1)}
+        outcomes.append(pp.calibrate(model, written(tmp_path / "a.csv", q, readings, **more), TRACKER))
+    errors = [outcome.improvement.after for outcome in outcomes]
+    for outcome, before, after in zip(outcomes, errors, errors[::-1], strict=True):
+        (entry,) = (one for one in outcome.gains if one.kind == JOINTS_READ)
+        assert (entry.before, entry.after) == (pytest.approx(before, rel=1e-9), pytest.approx(after, rel=0.05))
+        is_better = before > after
+        assert ("W_JOINTS_READ" in {one.code for one in outcome.findings}) == is_better
+        assert f"better: {'as read' if is_better else 'as given'}" in calibration_table(outcome)
+
+
+@pytest.mark.slow
+def test_growth_by_temperature_is_told_from_growth_in_time(tmp_path):
+    model, q = offsets(pp.Normal(1e-3)), random_poses(4, 20)
+    warmth = np.random.default_rng(1).uniform(18, 30, 20)
+    readings = readings_of(model, q, TRACKER, seed=3) * (1 + 20e-6 * (warmth - warmth.mean())[:, None])
+    file = written(tmp_path / "a.csv", q, readings, **{"temperature [degC]": warmth})
+    first = pp.calibrate(model, file, TRACKER).causes[0]
+    assert (first.kind, first.unit) == ("growth by temperature", "1/K")
+    assert first.interval[0] < 20e-6 < first.interval[1]

@@ -16,7 +16,7 @@ from scipy import sparse, spatial, stats
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
-from precision_pin.analyses.calibration.causes import Cause, cause_warnings, find_causes
+from precision_pin.analyses.calibration.causes import Cause, Evidence, find_causes
 from precision_pin.analyses.calibration.data import CalibrationData, check_data, check_directions, read_data
 from precision_pin.analyses.calibration.drift import drift_warnings
 from precision_pin.analyses.calibration.fit import LEVEL
@@ -27,6 +27,7 @@ from precision_pin.analyses.calibration.forecast import (
     interval_after,
     normal_interval,
 )
+from precision_pin.analyses.calibration.gains import MIN_GROUPS, CauseGain, cause_warnings, find_gains, gain_interval
 from precision_pin.analyses.calibration.instrument import length_stds
 from precision_pin.analyses.calibration.start import nominal_distance
 from precision_pin.analyses.provenance import Provenance
@@ -89,6 +90,7 @@ class CalibrationResult(PosesOutcome):
             calibrated arm's prediction: what is left of arm and set-up, repeatability and instrument, ``(P, m)``.
         improvement: Whether the calibration helps at poses left out of it; ``None`` where none can be predicted.
         causes: Errors that the sheet lacks, the likeliest first; empty where it may be complete.
+        gains: What each kind of cause, and joint values as read, would change at left-out poses, the best first.
         noise, repeated: Standard deviations that were estimated, by name, and the numbers read again at a pose.
         gross_errors, at_bounds: Readings that were given no weight, and numbers estimated at a bound of their law.
         original, model: The model before, and the arm that is left: means moved, remaining uncertainty correlated.
@@ -97,7 +99,16 @@ class CalibrationResult(PosesOutcome):
 
     schema: ClassVar[str] = "precision-pin/calibration/1"
     KEYS: ClassVar[Keys] = (
-        *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings", "verdict", "causes"),
+        *(
+            "*head",
+            "measurement",
+            "measurements=data.measurements",
+            "prior=has_prior",
+            "readings",
+            "verdict",
+            "causes",
+            "gains",
+        ),
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
         *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "in_sheet", "intervals"),
         *("poses", "residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),
@@ -118,6 +129,7 @@ class CalibrationResult(PosesOutcome):
     std_predicted: Array
     improvement: Improvement | None
     causes: tuple[Cause, ...]
+    gains: tuple[CauseGain, ...]
     noise: Mapping[str, fitting.EstimatedStd]
     repeated: int
     gross_errors: tuple[GrossError, ...]
@@ -242,8 +254,9 @@ class CalibrationResult(PosesOutcome):
         """Joint values and readings as in the JSON, a row for each reading; ``std`` and ``group`` where they are given."""
         data, joints = self.data, self.original.chain.joint_names
         several = {"measured_by": data.part, "visit": data.visit} if len(data.measurements) > 1 else {}
-        extras = ("std", data.std), ("axis_ratios", data.axis_ratios), ("group", data.group)
-        optional = {name: values for name, values in extras if values.size}
+        axes = {"axis_ratios": data.axis_ratios, "q_read": data.q_read.T, "temperature": data.temperature}
+        extras = {"std": data.std, "group": data.group, **axes}
+        optional = {name: values for name, values in extras.items() if values.size}
         readings = data.readings.copy()
         for session in data.sessions:
             readings[session.rows, :3] += session.left.mean
@@ -323,7 +336,8 @@ def calibrate(
     slopes = clean.slopes(fit.z, fit.nuisances, plain=True)
     identifiability = design.of_stack(unit.names, *slopes, clean.instruments.nuisances, len(readings) - len(distances))
     design.check_identifiable(identifiability)
-    causes = find_causes(clean, fit, readings.q, groups, None if chance is None else std_free)
+    evidence = Evidence.of(clean, fit, readings, None if chance is None else std_free)
+    causes, gains = find_causes(evidence, groups), find_gains(evidence, readings, groups)
     mean, covariance = unit.values(fit.z), unit.root @ estimator.covariance @ unit.root.T
     is_mixed = np.diag(identifiability.set_up_projector) > design.NEGLIGIBLE
     set_up_covariance = estimator.joint_covariance[fit.z.size :, fit.z.size :].copy()
@@ -353,6 +367,7 @@ def calibrate(
         std_predicted=predicted,
         improvement=improvement,
         causes=tuple(causes),
+        gains=tuple(gains),
         noise=noise,
         repeated=repeated,
         gross_errors=gross,
@@ -372,7 +387,7 @@ def calibrate(
             *design.identifiability_warnings(identifiability),
             *(() if prior else design.rank_findings(identifiability)),
             *fitting.model_warnings(clean, fit, chance, has_prior=prior),
-            *cause_warnings(causes),
+            *cause_warnings(causes, gains),
             *fitting.std_warnings(noise),
             *drift_warnings(readings.sessions),
             *improvement_warnings(improvement),
@@ -561,8 +576,6 @@ def _warnings(data: CalibrationData, fit: fitting.Fit, gross: tuple[GrossError, 
 Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
 
 
-MIN_GROUPS: Final = 4
-"""Minimum number of groups for a statement on the improvement."""
 _SAME_POSE: Final = (1e-3, 1e-4)
 """Difference of joint values (rad, m) up to which two poses count as one: they are omitted together."""
 _SETTLED: Final = 1e-9
@@ -740,31 +753,3 @@ def improvement_warnings(trial: Improvement | None) -> Iterator[Finding]:
             f"standard deviations say, {100 * trial.share.within:.3g} % within their 95 %; the errors left are larger than stated"
         )
         yield Finding("warning", "W_OVER_CONFIDENT", message)
-
-
-def gain_interval(
-    before: Array, after: Array, weights: Array, trials: tuple[float, float], lengths: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the intervals of ``b - a`` and of b, with ``b² = weights @ before`` and ``a² = weights @ after`` over G groups.
-
-    ``before`` and ``after`` ``(G,)`` are mean squares of each group, worth ``trials`` independent groups of ``lengths`` numbers
-    each. The gain is within both of two intervals. One is Student's t of what each group adds to it, first order, with
-    the degrees of freedom of the fit: where little is gained both fits follow the same noise. The other combines the intervals
-    of b, by t of its logarithm, and of a, by F, as of independent numbers (Zou and Donner 2008), so that it ends below the
-    upper end of b. Groups left out in turn share the rest, so variances are 1.3 times as large, where little is gained up to
-    4 times, and that of b twice (measured by coverage).
-    """
-    count, roots = len(weights), [float(np.sqrt(weights @ group_squares)) for group_squares in (before, after)]
-    b, a = roots
-    effects = [weights * (mean - root**2) / (2 * root) for mean, root in zip((before, after), roots, strict=True)]
-
-    def half_width(terms: Array, known: float, widened: float) -> float:
-        dof = max(known - 1, 1.0)
-        return float(stats.t.isf((1 - LEVEL) / 2, dof) * np.sqrt(widened * count / dof * (terms @ terms)))
-
-    paired = half_width(effects[0] - effects[1], trials[1], 1.3 + 2.7 * min(a / b, b / a) ** 8)
-    factor = float(np.exp(half_width(effects[0], trials[0], 2.0) / b))
-    dof = lengths * trials[1]
-    ratio = float(np.sqrt(stats.f.isf((1 - LEVEL) / 2, dof, dof)))
-    low, high = np.hypot(b - b / factor, a * ratio - a), np.hypot(b * factor - b, a - a / ratio)
-    return (b - a - min(paired, float(low)), b - a + min(paired, float(high))), (b / factor, b * factor)

@@ -9,7 +9,7 @@ that are found compete by their largest likelihood over that variance.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Final, NamedTuple
@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator
-from precision_pin.analyses.calibration.fit import LEVEL, Fit, Problem, leave_out
+from precision_pin.analyses.calibration.fit import LEVEL, Fit, Leverage, Problem, leave_out
 from precision_pin.analyses.calibration.forecast import normal_interval
 from precision_pin.analyses.number_law import tail
 from precision_pin.base.arrays import Array, Record
-from precision_pin.base.errors import Finding, some
 from precision_pin.terms import at_means
 
 FALSE_ALARMS: Final = 0.0075
@@ -41,13 +41,26 @@ Label = tuple[str, str, str]
 """Kind of a cause, its joint and unit."""
 WAVES: Final = tuple(f"wave, {order} in a turn" for order in range(1, 5))
 """Orders of joint waves that are tested."""
-OF_JOINTS: Final = ("zero", *np.repeat(WAVES, 2).tolist(), "backlash by motion", "backlash by load", "compliance")
+COMPLIANCE: Final = "compliance"
+SETTLING: Final = "settling"
+"""Read before the arm had arrived: a share of the step from the pose before is left."""
+BACKLASH: Final = ("backlash by motion", "backlash by load")
+OF_JOINTS: Final = ("zero", *np.repeat(WAVES, 2).tolist(), *BACKLASH, COMPLIANCE, SETTLING)
 """Kinds of the columns of each joint, a sine and a cosine for each wave."""
 OF_SET_UP: Final = (*[("drift of base or instrument", "", "m")] * 3, ("growth of the arm", "", "1"))
-"""Kinds, joints and units of the columns of the set-up: a drift along each axis, and a growth."""
+"""Kinds, joints and units of the columns of the set-up: a drift along each axis, and a growth, in the order of readings."""
+BY_TEMPERATURE: Final = (*[("drift by temperature", "", "m/K")] * 3, ("growth by temperature", "", "1/K"))
+"""The same by the temperature, where the readings have one."""
 _UNITS: Final = {True: ("m", "m/N"), False: ("rad", "rad/(N*m)")}
 """Units of a joint's error and of its compliance, by whether it is prismatic."""
-_PRINTED: Final = {"rad": (1e3, "mrad"), "m": (1e3, "mm"), "1": (1e6, "ppm")}
+_PRINTED: Final = {
+    "rad": (1e3, "mrad"),
+    "m": (1e3, "mm"),
+    "1": (1e6, "ppm"),
+    "m/K": (1e3, "mm/K"),
+    "1/K": (1e6, "ppm/K"),
+    "step": (1e2, "% of the step"),
+}
 """Factor and printed unit of each SI unit."""
 TOLERANCE: Final = "tolerance too small"
 
@@ -60,9 +73,9 @@ class Cause(Record):
         kind: What it is; ``tolerance too small`` is no other error, but a number of the sheet, which ``joint`` names then.
         joint: The joint, or of several joints that with the largest error; empty for the set-up.
         is_shared: Whether several joints have it.
-        size, interval, unit: Amplitude of a wave, gap of a backlash, compliance, way of a drift or share of a growth from
-            the first reading to the last, in prior standard deviations of a tolerance: posterior mean and 95 % interval,
-            for a variance as likely as possible.
+        size, interval, unit: Amplitude of a wave, gap of a backlash, compliance, share of the step that is left, way of a
+            drift or share of a growth from the first reading to the last or for each kelvin, in prior standard deviations of a
+            tolerance: posterior mean and 95 % interval, for a variance as likely as possible.
         likelihood: Relative to that of the likeliest cause.
         left_out: Root mean square (m) by which it displaces readings left out of the fit from their predictions.
     """
@@ -79,18 +92,24 @@ class Cause(Record):
     def __str__(self) -> str:
         scale, unit = _PRINTED.get(self.unit, (1.0, self.unit))
         low, high = (f"{scale * bound:.3g}" for bound in self.interval)
-        where = f" of {self.joint}{' and others' * self.is_shared}" if self.joint else ""
-        return f"{self.kind}{where} ({scale * self.size:.3g} {unit}; 95 %: {low} to {high})"
+        name = labelled(self.kind, self.joint, is_shared=self.is_shared)
+        return f"{name} ({scale * self.size:.3g} {unit}; 95 %: {low} to {high})"
+
+
+def labelled(kind: str, joint: str, *, is_shared: bool) -> str:
+    """Return a cause in words."""
+    return f"{kind} of {joint}{' and others' * is_shared}" if joint else kind
 
 
 class CauseScore(NamedTuple):
-    """A cause: its columns, the probability of larger scores, the log of its likelihood ratio, amplitudes there."""
+    """A cause: its columns, the probability of larger scores, the log of its likelihood ratio, amplitudes there, their std."""
 
     columns: NDArray[np.intp]
     chance: float
     gain: float
     mean: Array
     covariance: Array
+    std: float
 
 
 Scores = tuple[Array, Array, float, int, float | None]
@@ -108,16 +127,21 @@ def weigh(columns: NDArray[np.intp], of: Scores) -> CauseScore:
     chance = tail(values - ratio * (not std_degrees), ratio, std_degrees or max(degrees - len(values), 0))
     shrunk = 1 / (values.mean() / _VARIANCES[:, None] + values)
     gains = (shrunk * scores**2 + np.log(shrunk * values.mean() / _VARIANCES[:, None])).sum(axis=1) / 2
-    spread = vectors * shrunk[int(np.argmax(gains))]
-    return CauseScore(columns, chance, float(gains.max()), spread @ scores, spread @ vectors.T)
+    best = int(np.argmax(gains))
+    spread, std = vectors * shrunk[best], float(np.sqrt(_VARIANCES[best] / max(values.mean(), 1e-300)))
+    return CauseScore(columns, chance, float(gains.max()), spread @ scores, spread @ vectors.T, std)
 
 
-def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, list[Label]]:
-    """Return the whitened readings ``(M, C)`` per unit of every cause, for joint values ``(n, P)``, and what the causes are."""
-    chain = problem.model.chain
+def columns_of(problem: Problem, data: CalibrationData, nuisances: Array) -> tuple[Array, list[Label]]:
+    """Return the whitened readings ``(M, C)`` per unit of every cause, and what the causes are."""
+    chain, q = problem.model.chain, data.q
     joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
-    labels = [(kind, name, _UNITS[slides][kind == "compliance"]) for name, slides in joints for kind in OF_JOINTS]
-    labels += OF_SET_UP
+    labels = [
+        (kind, name, "step" if kind == SETTLING else _UNITS[slides][kind == COMPLIANCE])
+        for name, slides in joints
+        for kind in OF_JOINTS
+    ]
+    labels += [*OF_SET_UP, *(BY_TEMPERATURE if data.temperature.size else ())]
     _, first_rows, visit = np.unique(problem.visit, return_index=True, return_inverse=True)
     steps = np.diff(q[:, first_rows], axis=1, prepend=q[:, first_rows[:1]])
     # a joint at rest keeps the direction of its last motion
@@ -125,7 +149,9 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
     motion_signs = np.sign(np.take_along_axis(steps, moves, axis=1))[:, visit]
     angles = 2 * np.pi * q / np.where(chain.prismatic, np.maximum(np.ptp(q, axis=1), _UNSEEN), 2 * np.pi)[:, None]
     waves = np.array([wave(order * angles) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)])
-    time = visit / max(first_rows.size - 1, 1) - 0.5
+    clocks = [visit / max(first_rows.size - 1, 1) - 0.5]
+    clocks += [data.temperature - data.temperature.mean()] if data.temperature.size else []
+    last_steps = steps[:, visit]
     by_error, changes = problem.at_means(nuisances)[1], np.zeros((*problem.readings.shape, len(labels)))
     share = cache(lambda factors: float(at_means({factors: 1.0}, problem.model.space)))
     for station in problem.stations:
@@ -135,17 +161,20 @@ def columns_of(problem: Problem, q: Array, nuisances: Array) -> tuple[Array, lis
             [sum(float(part) * share(factors) for factors, part in parts.items()) for parts in by_factors]
         )
         for row in station.rows:
-            shapes = np.array(
-                [0 * torque + 1, *waves[:, :, row], motion_signs[:, row] / 2, np.sign(torque.round(9)) / 2, torque]
-            ).T
-            shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]]) * time[row]
-            error = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), shifts])
+            by_load = np.sign(torque.round(9)) / 2
+            by_motion = motion_signs[:, row] / 2
+            shapes = np.array([0 * torque + 1, *waves[:, :, row], by_motion, by_load, torque, last_steps[:, row]]).T
+            shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]])
+            by_clock = [shifts * clock[row] for clock in clocks]
+            error = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), *by_clock])
             changes[row] = by_error[row] @ error
     return problem.whiten(changes), labels
 
 
-def rank(of: Scores, labels: Sequence[Label], is_usable: NDArray[np.bool_]) -> tuple[float, list[CauseScore]]:
-    """Return the probability of such scores if the sheet is complete, and the causes that explain them best."""
+def rank(
+    of: Scores, labels: Sequence[Label], is_usable: NDArray[np.bool_]
+) -> tuple[float, list[CauseScore], dict[str, CauseScore]]:
+    """Return the probability of such scores if the sheet is complete, the causes that explain them best, that of each kind."""
     groups = dict[tuple[str, str], list[int]]()
     for k in np.flatnonzero(is_usable).tolist():
         for key in dict.fromkeys([labels[k][:2], (labels[k][0], "")]):
@@ -162,55 +191,80 @@ def rank(of: Scores, labels: Sequence[Label], is_usable: NDArray[np.bool_]) -> t
     bound = max(causes[likely[0]].gain - np.log(AS_LIKELY), 0.0) if likely else 0.0
     # the likeliest kind shared by several joints is no separate cause
     close = [key for key in likely if causes[key].gain > bound and (key == likely[0] or key != (likely[0][0], ""))]
-    return chance, [causes[key] for key in close]
+    best_of_kinds = {key[0]: causes[key] for key in reversed(likely)}
+    return chance, [causes[key] for key in close], best_of_kinds
 
 
-def find_causes(problem: Problem, fit: Fit, q: Array, groups: NDArray[np.intp], known: float | None) -> list[Cause]:
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the residuals of a fit say about causes.
+
+    Attributes:
+        problem, fit: Readings with weight, and their fit.
+        columns, labels: Whitened readings ``(M, C)`` per unit of every cause, and what they are.
+        root: Root of the leverage of the fit that is tested, ``(M, k + r)``.
+        chance, likely: Probability of such residuals if the sheet is complete, and the causes that explain them best.
+        best_of_kinds: The likeliest cause of each kind.
+    """
+
+    problem: Problem
+    fit: Fit
+    columns: Array
+    labels: list[Label]
+    root: Array
+    chance: float
+    likely: list[CauseScore]
+    best_of_kinds: dict[str, CauseScore]
+
+    @classmethod
+    def of(cls, problem: Problem, fit: Fit, data: CalibrationData, known: float | None) -> Evidence:
+        """Return the evidence of readings with weight and their fit.
+
+        ``known`` are the degrees of freedom of the standard deviation apart from these readings; ``None`` where it was tuned
+        to them.
+        """
+        estimator, readings = fit.estimator, problem.whiten(fit.residuals) + fit.estimator.by_z @ fit.z
+        if not estimator.has_prior:
+            # parameters that are not estimated have their prior, all others none
+            fixed_columns = np.hstack([estimator.by_nuisance, estimator.by_z @ estimator.basis])
+            estimator = Estimator.of(estimator.by_z, fixed_columns, has_prior=True)
+        columns, labels = columns_of(problem, data, fit.nuisances)
+        new, root = len(labels), estimator.leverage_root()
+        columns = np.hstack([columns, problem.slopes(fit.z, fit.nuisances, plain=True)[0]])
+        gram, through, residuals = columns.T @ columns, root.T @ columns, readings - root @ (root.T @ readings)
+        information, squares = gram - through.T @ through, np.diag(gram)
+        is_usable = np.diag(information) > _UNSEEN * squares
+        is_usable[:new] &= (gram[:new, new:] ** 2 <= _KNOWN**2 * np.outer(squares[:new], squares[new:])).all(axis=1)
+        labels += [(TOLERANCE, name, "prior std") for name in problem.unit.names]
+        total, degrees = float(readings @ residuals), len(readings) - estimator.nuisance_rank
+        ranked = rank((columns.T @ residuals, information, total, degrees, known), labels, is_usable)
+        return cls(problem, fit, columns, labels, root, *ranked)
+
+    def owner(self, candidate: CauseScore) -> tuple[str, str, bool]:
+        """Return the kind of a cause, its joint, of several that with the largest error, and whether there are several."""
+        owners = np.array([self.labels[k][1] for k in candidate.columns])
+        joint = max(owners.tolist(), key=lambda name: float(np.linalg.norm(candidate.mean[owners == name])))
+        return self.labels[candidate.columns[0]][0], joint, np.unique(owners).size > 1
+
+
+def find_causes(evidence: Evidence, groups: NDArray[np.intp]) -> list[Cause]:
     """Return the errors that explain the residuals of a fit, likeliest first; none if a complete sheet explains them.
 
-    Args:
-        problem, fit: Readings with weight, and their fit.
-        q, groups: Joint values of all readings ``(n, P)``, and which are left out together ``(P,)``.
-        known: Degrees of freedom of the standard deviation apart from these readings; ``None`` where it was tuned to them.
+    ``groups`` tell which readings are left out together, ``(P,)``.
     """
-    estimator, readings = fit.estimator, problem.whiten(fit.residuals) + fit.estimator.by_z @ fit.z
-    if not estimator.has_prior:
-        # parameters that are not estimated have their prior, all others none
-        fixed_columns = np.hstack([estimator.by_nuisance, estimator.by_z @ estimator.basis])
-        estimator = Estimator.of(estimator.by_z, fixed_columns, has_prior=True)
-    columns, labels = columns_of(problem, q, fit.nuisances)
-    new, root = len(labels), estimator.leverage_root()
-    columns = np.hstack([columns, problem.slopes(fit.z, fit.nuisances, plain=True)[0]])
-    gram, through, residuals = columns.T @ columns, root.T @ columns, readings - root @ (root.T @ readings)
-    information, squares = gram - through.T @ through, np.diag(gram)
-    is_usable = np.diag(information) > _UNSEEN * squares
-    is_usable[:new] &= (gram[:new, new:] ** 2 <= _KNOWN**2 * np.outer(squares[:new], squares[new:])).all(axis=1)
-    labels += [(TOLERANCE, name, "prior std") for name in problem.unit.names]
-    total, degrees = float(readings @ residuals), len(readings) - estimator.nuisance_rank
-    chance, likely = rank((columns.T @ residuals, information, total, degrees, known), labels, is_usable)
-    causes = []
-    for candidate in likely if chance <= FALSE_ALARMS else []:
-        white = columns[:, candidate.columns] @ candidate.mean
+    problem, root, causes = evidence.problem, evidence.root, []
+    fit = Leverage(root)
+    for candidate in evidence.likely if evidence.chance <= FALSE_ALARMS else []:
+        white = evidence.columns[:, candidate.columns] @ candidate.mean
         effect = problem.noise.colour(white - root @ (root.T @ white))
-        without = leave_out(problem, estimator, estimator, effect, groups)
+        without = leave_out(problem, fit, fit, effect, groups)
         shifts = without.values[without.is_predicted, :3]
-        owners = np.array([labels[k][1] for k in candidate.columns])
-        joint = max(owners.tolist(), key=lambda name: float(np.linalg.norm(candidate.mean[owners == name])))
-        size = float(np.linalg.norm(mean := np.where(owners == joint, candidate.mean, 0.0)))
+        kind, joint, is_shared = evidence.owner(candidate)
+        of_joint = [evidence.labels[k][1] == joint for k in candidate.columns]
+        size = float(np.linalg.norm(mean := np.where(of_joint, candidate.mean, 0.0)))
         low, high = normal_interval(size, float(np.sqrt(mean @ candidate.covariance @ mean)) / size, LEVEL)
-        kind, _, unit = labels[candidate.columns[int(np.argmax(owners == joint))]]
-        facts = size, (max(low, 0.0), high), unit, float(np.exp(candidate.gain - likely[0].gain))
+        unit = evidence.labels[candidate.columns[int(np.argmax(of_joint))]][2]
+        facts = size, (max(low, 0.0), high), unit, float(np.exp(candidate.gain - evidence.likely[0].gain))
         rms = float(np.linalg.norm(shifts)) / max(len(shifts), 1) ** 0.5
-        causes.append(Cause(kind, joint, np.unique(owners).size > 1, *facts, rms))
+        causes.append(Cause(kind, joint, is_shared, *facts, rms))
     return causes
-
-
-def cause_warnings(causes: Sequence[Cause]) -> Iterator[Finding]:
-    """Yield a warning that names the likeliest causes."""
-    if causes:
-        alternatives = f"; as well explained by: {some([*map(str, causes[1:])], 3, '; ')}" * bool(causes[1:])
-        message = (
-            f"readings show an error that the sheet lacks, most likely {causes[0]}, by which readings left out are "
-            f"{1e3 * causes[0].left_out:.3g} mm rms off{alternatives}; add its source, or measure where these differ"
-        )
-        yield Finding("warning", "W_CAUSE", message)

@@ -6,10 +6,12 @@
 There is a column for each joint and each number of a reading, with its unit in brackets: ``x y z`` of a position; also
 ``rx ry rz`` of a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the
 standard deviation of the row's lengths, or ``sx sy sz`` that of each, in the axes of the readings; ``group`` a whole
-number for rows that are left out together. At contact no reading is needed: ``height`` over a plane, and ``x y z``
-from the socket, default to zero. ``x1 y1 z1 x2 …`` are several targets on the tool. A cell that is empty, nan or NA is a
-missing reading. Times are ignored, but where the instrument may drift: then a row with a name in the column ``fixed`` is
-of a target that stands still, whatever the joints are, and so is each row of a file without joints, with that column.
+number for rows that are left out together; ``joint1_read`` … what encoders read where ``joint1`` … are commanded;
+``temperature`` that of the row, of which only differences count. At contact no reading is needed: ``height`` over a
+plane, and ``x y z`` from the socket, default to zero. ``x1 y1 z1 x2 …`` are several targets on the tool. A cell that is
+empty, nan or NA is a missing reading. Times are ignored, but where the instrument may drift: then a row with a name in the
+column ``fixed`` is of a target that stands still, whatever the joints are, and so is each row of a file without joints, with
+that column.
 
 A quick fit of the nominal arm finds joint zeros and directions that no tolerance can explain.
 """
@@ -46,6 +48,8 @@ _CONTACT: Final = ("plane", "socket")
 """Kinds whose readings default to zero."""
 _FEW: Final = 8
 """Rows from which distances between targets are checked."""
+READ: Final = "_read"
+"""End of the name of a column with a joint's value as read, beside the commanded one."""
 _RIGID: Final = 0.01
 """Standard deviation of the distance between targets, in std of the instrument, below which they are not independent."""
 
@@ -68,6 +72,8 @@ class CalibrationData(Record):
             together.
         findings: What was left out.
         sessions: Readings of one instrument after another that may have drifted; ``readings`` are less what is known of it.
+        q_read, temperature: Joint values as read where ``q`` are commanded, ``(n, P)``, and temperatures, K up to a
+            constant, ``(P,)``; empty if none are given.
     """
 
     q: Array
@@ -83,6 +89,8 @@ class CalibrationData(Record):
     findings: tuple[Finding, ...] = ()
     axis_ratios: Array = field(default_factory=lambda: np.zeros((0, 3)))
     sessions: tuple[Session, ...] = ()
+    q_read: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    temperature: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         if not self.part.size:
@@ -162,6 +170,10 @@ def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
             for part, k in zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)
             for session in part.sessions
         ),
+        np.hstack([part.q_read for part in parts]) if all(part.q_read.size for part in parts) else np.zeros((0, 0)),
+        np.concatenate([part.temperature for part in parts])
+        if all(part.temperature.size for part in parts)
+        else np.zeros(0),
     )
 
 
@@ -255,13 +267,13 @@ def _read_file(
     si = {joint.name: joint_quantity(joint).si for joint in model.chain.joints}
     names = csv_columns.ColumnNames.parse(", ".join(dict.fromkeys(m.columns for m in measurements if m.columns)))
     read_names = "|".join({name for measurement in measurements for name in COLUMNS[measurement.kind]})
-    is_reading = re.compile(rf"(?:{read_names}|s[xyz])_?[0-9A-Za-z]*|std|group").fullmatch
+    is_reading = re.compile(rf"(?:{read_names}|s[xyz])_?[0-9A-Za-z]*|std|group|temperature").fullmatch
     clock = _Clock.of(path, names, joints, drift, fixed_path)
     table = csv_columns.read(
         path,
         clock.texts,
         columns=lambda cells, row: recorded(cells, row, si, names),
-        known=lambda name: name in joints or is_reading(name) or name in (*clock.texts, clock.name),
+        known=lambda name: name.removesuffix(READ) in joints or is_reading(name) or name in (*clock.texts, clock.name),
         ignored=[name for name in csv_columns.TIMES if name not in (*joints, clock.name.casefold())],
         may_miss=True,
     )
@@ -272,6 +284,13 @@ def _read_file(
         raise _error(path, "several measurements read the file with different coupled joints")
     q = np.array([table.column(joint.name, joint_quantity(joint)) for joint in model.chain.joints])
     q = measurements[0].mixing(model.chain) @ q
+    q_read = np.zeros((0, len(table.rows)))
+    if any(f"{name}{READ}" in table.names for name in joints):
+        columns_read = [table.column(f"{joint.name}{READ}", joint_quantity(joint)) for joint in model.chain.joints]
+        q_read = model.chain.configurations.taken(measurements[0].mixing(model.chain) @ np.array(columns_read))
+    temperature = np.zeros(0)
+    if "temperature" in table.names:
+        temperature = np.array(table.column("temperature", units.TEMPERATURE_DIFFERENCE))
     std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
     target_stds = [_axis_stds(table, columns) for _, columns in targets]
     for values in (std[:, None], *target_stds):
@@ -286,14 +305,14 @@ def _read_file(
         raise _error(path, "group must be a whole number", table.lines[int(np.flatnonzero(group % 1 > 0)[0])])
     _check_joint_values(model.chain, q, path, table)
     q = model.chain.configurations.taken(q)
-    extras = [values for values in (std, group) if values.size]
-    has_pose = np.isfinite(np.vstack([q, *extras])).all(axis=0)
+    extras = [values for values in (std, group, temperature) if values.size]
+    has_pose = np.isfinite(np.vstack([q, q_read, *extras])).all(axis=0)
     unread = [name for name in table.texts if name not in ("", *clock.texts)]
     are = "s {} are" if len(unread) > 1 else " {} is"
     notes = [f"the column{are.format(some(unread, 6))} not read"] * bool(unread)
     notes += [f"read as columns of {table.recorder}"] * bool(table.recorder)
     findings = [Finding("note", "N_COLUMN", note, path, 1) for note in notes]
-    findings += _missing_findings("a joint value, std or group", ~has_pose & ~is_fixed, table.lines, path)
+    findings += _missing_findings("a joint value, temperature, std or group", ~has_pose & ~is_fixed, table.lines, path)
     unique, repeats = list(range(q.shape[1])), list[Finding]()
     if any(columns for _, columns in targets):
         texts = list(zip(*table.texts.values(), strict=True)) if table.texts else [()] * q.shape[1]
@@ -341,6 +360,8 @@ def _read_file(
         tuple(findings),
         ratios,
         sessions,
+        np.ascontiguousarray(q_read[:, reading_rows]),
+        temperature[reading_rows] if temperature.size else temperature,
     )
 
 
@@ -480,11 +501,16 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
     """Raise for columns that are missing, unknown, or without a unit."""
     read_names = tuple(dict.fromkeys(name for _, columns in targets for name in columns))
     std_names = _std_columns(read_names)
-    known_names = (*chain.joint_names, *read_names, *std_names, "std", "group", *([time] if time else []))
+    joints_read = tuple(f"{name}{READ}" for name in chain.joint_names)
+    known_names = (*chain.joint_names, *joints_read, *read_names, *std_names, "std", "group", "temperature")
+    known_names += (time,) if time else ()
     for name in table.names:
         if name not in known_names:
             hint = f"or ignore it: --columns '{name}=ignore' (readings of {targets[0][0].kind})"
             raise _error(path, f"the column {name!r} is not expected; {nearest(name, known_names)}; {hint}", 1)
+    absent = [name for name in joints_read if name not in table.names]
+    if absent and len(absent) < len(joints_read):
+        raise _error(path, f"no column for {', '.join(absent)}; {', '.join(joints_read)} belong together", 1)
     missing_names = [name for name in (*chain.joint_names, *read_names) if name not in table.names]
     if missing_names:
         kind, expected_names = targets[0][0].kind, targets[0][1]
@@ -502,6 +528,8 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
     kinds = {name: units.LENGTH for name in lengths if name in table.names and not name.startswith("r")}
     kinds |= {name: units.ANGLE for name in read_names if name.startswith("r")}
     kinds |= {joint.name: joint_quantity(joint) for joint in chain.joints}
+    of_joints = {f"{joint.name}{READ}": joint_quantity(joint) for joint in chain.joints}
+    kinds |= {name: quantity for name, quantity in of_joints.items() if name in table.names}
     bare = [name for name, quantity in kinds.items() if not table.unit_of(name, quantity)]
     if bare:
         q = np.array([table.rows[:, table.names.index(name)] for name in chain.joint_names])

@@ -51,6 +51,8 @@ STEPS: Final = 60
 """Gauss-Newton steps after which a fit that has not converged is rejected."""
 _SETTLED: Final = 1e-8
 """Largest change of z, and of whitened nuisances, at which the estimate has converged."""
+_STALLED: Final = 1e-6
+"""The same where it is not smaller than in the step before."""
 _SMALL: Final = 1e-5
 """Change of z below which derivatives are reused, because they cost more than residuals."""
 _HALVINGS: Final = 30
@@ -412,6 +414,7 @@ class Descent:
         target = self._white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
         new_z = estimator.estimate(target, *self.problem.bounds)
         z_step, n_step = new_z - z, estimator.nuisances(target - estimator.by_z @ new_z) - nuisances
+        last_size = self._size
         self._size = max(np.abs(z_step).max(initial=0.0), np.abs(estimator.by_nuisance @ n_step).max(initial=0.0))
         # the step is halved until the cost does not rise
         for fraction in 0.5 ** np.arange(_HALVINGS):
@@ -424,7 +427,9 @@ class Descent:
             if trial_cost <= self._cost * (1 + 1e-9) + 1e-9:
                 self._z, self._nuisances, self._white, self._cost = trial_z, trial_nuisances, trial_white, trial_cost
                 break
-        self._is_settled = bool(self._size < _SETTLED * (1 + np.abs(self._z).max(initial=0.0)))
+        # small steps that no longer shrink are rounding
+        limit = _SETTLED if self._size < last_size else _STALLED
+        self._is_settled = bool(self._size < limit * (1 + np.abs(self._z).max(initial=0.0)))
 
     def _estimate(self) -> Fit:
         problem, z, nuisances, white, cost = self.problem, self._z, self._nuisances, self._white, self._cost
@@ -445,8 +450,22 @@ class Descent:
         )
 
 
+class Leverage(NamedTuple):
+    """A linear fit by the root of its leverage, as of :meth:`Estimator.leverage_root`."""
+
+    root: Array
+
+    def leverage_root(self) -> Array:
+        """Return the root."""
+        return self.root
+
+
 def leave_out(
-    problem: Problem, estimator: Estimator, local: Estimator, residuals: Array, groups: NDArray[np.intp]
+    problem: Problem,
+    estimator: Estimator | Leverage,
+    local: Estimator | Leverage,
+    residuals: Array,
+    groups: NDArray[np.intp],
 ) -> LeftOut:
     """Return readings less the prediction of a fit without their group, from residuals ``(P, m)`` and groups ``(P,)``.
 

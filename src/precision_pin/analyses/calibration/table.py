@@ -23,6 +23,7 @@ from precision_pin.analyses.calibration.forecast import (
     PosesOutcome,
     Posterior,
 )
+from precision_pin.analyses.calibration.gains import JOINTS_READ, CauseGain
 from precision_pin.analyses.calibration.instrument import fitted_covariance
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import FactoryCalibration, Population
@@ -59,6 +60,8 @@ _NAME: Final = 44
 """Maximum number of characters of a number's name."""
 _SEAT: Final = 34
 """Maximum number of characters of the name of a displaced joint or tip."""
+_CAUSES: Final = 3
+"""Maximum number of causes of which the gain is told."""
 _ROWS: Final = 8
 """Maximum number of combinations, sockets and names listed; a curve has up to two columns more."""
 _NAMED: Final = 4
@@ -124,6 +127,7 @@ def calibration_table(result: CalibrationResult) -> str:
         f"{VERDICTS[result.verdict]}; {residuals_text(result)}",
         f"{measured_text(result)}; {chi_square_text(result)}",
         *map(str, result.data.sessions),
+        *gain_lines(result),
         *frame_lines(result),
         "" if result.has_prior else f"{NO_PRIOR}\n",
         *_poses(result),
@@ -301,6 +305,32 @@ def share_lines(result: CalibrationResult) -> list[str]:
         f"{share.verdict}{few}: left-out readings are {share.ratio:.3g} times ({times[0]:.3g} to {times[1]:.3g}) as far off as "
         f"their standard deviations say; {100 * share.within:.3g} % are within their 95 % ({percent[0]} to {percent[1]} %)"
     ]
+
+
+def gain_lines(result: CalibrationResult) -> list[str]:
+    """Return a line on what causes would change at left-out readings if they were fitted too, and one on joint values as read."""
+    by_cause = [entry for entry in result.gains if entry.kind != JOINTS_READ][:_CAUSES]
+    lines = []
+    if by_cause:
+        named = by_cause if result.causes else by_cause[:1]
+        parts = [f"{milli(entry.after, 3)} mm by {entry.label}{interval_text(entry)}" for entry in named]
+        lead = (
+            "if a cause were fitted too" if result.causes else "no cause shows; the most that fitting one would bring"
+        )
+        lines.append(f"{lead}: left-out error {milli(by_cause[0].before, 3)} -> {'; '.join(parts)}")
+    for entry in result.gains:
+        if entry.kind == JOINTS_READ:
+            given, read = (f"{milli(value, 3)} mm" for value in (entry.before, entry.after))
+            which = "undecided" if not entry.is_decided else "as read" if entry.gain > 0 else "as given"
+            lines.append(
+                f"joint values: left-out error {given} as given, {read} as read{interval_text(entry)}; better: {which}"
+            )
+    return lines
+
+
+def interval_text(entry: CauseGain) -> str:
+    """Return the interval of a gain in brackets, mm; nothing of too few groups."""
+    return "" if entry.interval is None else f" (gain {' to '.join(milli(limit, 3) for limit in entry.interval)})"
 
 
 def frame_lines(result: CalibrationResult) -> list[str]:
