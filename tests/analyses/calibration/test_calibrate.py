@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from functools import cache
 from operator import attrgetter
 
@@ -18,11 +19,13 @@ from precision_pin.analyses.calibration.data import check_directions, read_data
 from precision_pin.analyses.calibration.design import SetUp
 from precision_pin.analyses.calibration.figure import plan_figure
 from precision_pin.analyses.calibration.forecast import contact_poses, interval_after, simulate_calibrations
+from precision_pin.analyses.calibration.remaining import RemainingError
 from precision_pin.analyses.calibration.table import calibration_table, estimate_rows, set_up_lines
 from precision_pin.base import se3
 from precision_pin.base.errors import UnknownNameError
 from precision_pin.render.text_table import whole_tables
 from precision_pin.robot.examples import resolve_robot
+from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sources import AxisInstall, Backlash, Frame, JointOffset, Length, Mounting
 from support.refusals import check_refused
 
@@ -493,3 +496,23 @@ def test_a_fit_whose_steps_end_in_rounding_settles(tmp_path):
     readings = readings_of(model, q, free, seed=0) @ MOVED[:3, :3].T + MOVED[:3, 3]
     found = pp.calibrate(model, (q, readings + rng.normal(0, 60e-6, (40, 3))), free)
     assert found.steps < 20
+
+
+def test_a_map_shows_what_was_found_and_what_is_left():
+    """Over a plane: the arm as predicted, and the size that 95 % of robots of the arm that is left keep, by samples."""
+    found, spread = plain_fit(), random_poses(4, 5, seed=8)
+    poses = PoseSet.at(found.original.chain, np.column_stack([spread, spread[:, 0]]))
+    poses = replace(poses, q=np.column_stack([spread, np.full(4, np.nan)]))
+    left = RemainingError.of(found, poses)
+    x = found.model.space.sample(seed=0, first=0, count=20_000)
+    for k, q in enumerate(spread.T):
+        nominal = found.original.chain.at(q).pose[:3, 3]
+        np.testing.assert_allclose(left.found[:, k], found.predict(q)[:3, 3] - nominal, atol=1e-12)
+        errors = found.model.at(q).linear(x)[:3]
+        sizes = np.linalg.norm(errors - errors.mean(axis=1, keepdims=True), axis=0)
+        assert left.quantile[k] == pytest.approx(np.quantile(sizes, 0.95), rel=0.03)
+    assert np.isnan(left.quantile[5])
+    assert left.read.shape == left.left_out.shape == (3, len(found.data))
+    np.testing.assert_array_equal(left.left_out.T, found.left_out[:, :3])
+    text = str(left)
+    assert f"{1e3 * np.nanmin(left.quantile):.3g} to {1e3 * np.nanmax(left.quantile):.3g} mm" in text

@@ -36,6 +36,7 @@ def check(options: dict[str, Any]) -> None:
     count, is_given = options["count"], _gives_poses(options)
     ahead = ["--forecast"] * options["forecast"] + ["--plan"] * (count is not None)
     has_poses = is_given or options["random"] is not None
+    is_map = options["grid"] is not None and options["random"] is None
     is_factory, has_sheet = options["factory"] is not None, options["sheet_path"] is not None
     of_fit = options["no_prior"] or options["urdf"] is not None or bool(options["only"])
     requested = [*ahead, *["data"] * bool(data), *["poses"] * has_poses]
@@ -46,7 +47,8 @@ def check(options: dict[str, Any]) -> None:
         f"{ahead[0] if ahead else ''} takes no data": data and ahead,
         "--criterion belongs to --plan": options["criterion"] is not None and count is None,
         "--csv belongs to --plan": options["csv_path"] is not None and count is None,
-        "the measured poses are those of the data; --at names poses to judge": data and has_poses,
+        "the measured poses are those of the data; --at names poses to judge, --grid places to map": data
+        and (has_poses and not is_map),
         "--random and given poses exclude each other": is_given and options["random"] is not None,
         "--urdf-without belongs to --urdf": options["urdf_without"] and options["urdf"] is None,
         "--no-prior, --only, --urdf and --sheet belong to a calibration with data": not data and (of_fit or has_sheet),
@@ -195,6 +197,9 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
 
     def write(result: Any) -> list[str]:
         notes = [finding.message for finding in result.data.findings if finding.severity == "note"]
+        if places is not None:
+            remaining.append(load(f"{__name__}.remaining:RemainingError").of(result, places))
+            notes.append(str(remaining[0]))
         if path is not None:
             name = str(Path(path).with_name(result_name(path)))
             frame = measured_frame(result)
@@ -225,8 +230,17 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
         calibrate, model, tuple(options["robots"]), measurements, prior=not options["no_prior"], only=options["only"],
         at=at, findings=request.sheet.findings,
     )  # fmt: skip
+    places = request.read_pose_set(_MAX_POSES) if options["grid"] is not None else None
+    remaining: list[Any] = []
+
+    def files(result: Any) -> Files:
+        figures = {"calibration": load(f"{__name__}.figure:calibration_figure")(result)}
+        if remaining:
+            figures["calibration-map"] = load(f"{__name__}.remaining:remaining_figure")(result, remaining[0])
+        return Files(figures)
+
     return _job(
-        run, "", write=write, findings=request.sheet.findings,
+        run, "", write=write, files=files, findings=request.sheet.findings,
         is_met=lambda result: not options["no_prior"] or result.identifiability.is_complete,
     )  # fmt: skip
 
@@ -280,8 +294,8 @@ DECLARATION = Declaration(
     Before: poses, or candidates, are those given, or random ones. Fit: the exact model is fitted to the readings, with the
     sheet's tolerances as the prior; DATA.csv has a column for each joint and each measured number, with units:
     "joint1 [deg], x [mm], y [mm], z [mm]", or "x1 [mm], …" of several targets; --columns says what other columns are. Several
-    files are one for each measurement that the sheet lists. With --no-prior the exit code is 1 where the
-    readings do not determine every number.
+    files are one for each measurement that the sheet lists. --grid maps the error that is left, which --out draws. With
+    --no-prior the exit code is 1 where the readings do not determine every number.
     """,
     options=(
         _ahead("--forecast", "forecast", "Predict the accuracy after calibration, before measuring.", bool),

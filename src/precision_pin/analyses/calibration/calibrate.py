@@ -94,6 +94,7 @@ class CalibrationResult(PosesOutcome):
         noise, repeated: Standard deviations that were estimated, by name, and the numbers read again at a pose.
         gross_errors, at_bounds: Readings that were given no weight, and numbers estimated at a bound of their law.
         original, model: The model before, and the arm that is left: means moved, remaining uncertainty correlated.
+        fitted, estimator: The model whose numbers were estimated, and the linear estimate of these.
         data, steps: The readings as given, and Gauss-Newton steps.
     """
 
@@ -136,6 +137,8 @@ class CalibrationResult(PosesOutcome):
     at_bounds: tuple[str, ...]
     original: ErrorModel
     model: ErrorModel
+    fitted: ErrorModel
+    estimator: design.Estimator
     data: CalibrationData
     steps: int
 
@@ -376,6 +379,8 @@ def calibrate(
             tasks, unit, estimator, any(part.displaces_base for part in readings.measurements), fitted.space
         ),
         original=model,
+        fitted=fitted,
+        estimator=estimator,
         model=model.calibrated(Estimates(unit.names, mean, covariance)).against(*datums),
         data=readings,
         steps=fit.steps,

@@ -236,10 +236,19 @@ class SampledRobots(NamedTuple):
 
 
 def errors_left(
-    tasks: Iterable[tuple[str, PoseModel]], unit: UnitNumbers, estimator: Estimator, displaces_base: bool, space: Space
+    tasks: Iterable[tuple[str, PoseModel]],
+    unit: UnitNumbers,
+    estimator: Estimator,
+    displaces_base: bool,
+    space: Space,
+    *,
+    is_sampled: bool = True,
 ) -> tuple[ErrorLeft, ...]:
-    """Return the error at each named pose before and after; the first six nuisances may displace the base."""
-    robots, entries, named = SampledRobots.of(space, unit, estimator), [], list(tasks)
+    """Return the error at each named pose before and after; the first six nuisances may displace the base.
+
+    Errors that are not normal are sampled, or else taken as normal.
+    """
+    robots, entries, named = SampledRobots.of(space, unit, estimator) if is_sampled else None, [], list(tasks)
 
     def at_means() -> Iterator[tuple[Array, Array, Array]]:
         for chunk in tangents([at for _, at in named]):

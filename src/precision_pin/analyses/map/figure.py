@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from scipy.spatial import cKDTree
 from precision_pin.analyses.map.map_poses import MapResult
 from precision_pin.analyses.map.map_verdicts import MET, NOT_JUDGED
 from precision_pin.analyses.map.table import answers, worst_rows
+from precision_pin.analyses.pose_layout import MOST_NAMED, Layout, draw_field, layout_of
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError, UnknownNameError, shown, visible
 from precision_pin.base.written_units import WrittenUnit
@@ -25,64 +25,14 @@ from precision_pin.render.figure_style import DOUBLE_COLUMN, frame, inline_figur
 from precision_pin.render.html import Html, escaped, items, paragraph, section, table
 from precision_pin.render.scene import Chapter, Colour, Layer, Scene
 from precision_pin.render.tables import count_poses, symbol
-from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.poses_result import LEVELS
 from precision_pin.statistics.intervals import format_interval
 
-# largest number of poses drawn as a list, with their names below the axis
-_MOST_NAMED: Final = 24
-_MOST_TICKS: Final = 6  # of an axis
 _MOST_LETTERS: Final = 18  # of a name on the axis
 _MOST_LEVEL: Final = 60  # letters of all names together without rotated labels
 # colour, dashes and marker of each quantile
 _STYLES: Final = ((SKY, ":", "v"), (BLUE, "-", "o"), (PURPLE, "--", "^"))
-# relative extent of the places across a plane or a line below which they count as lying in it
-_FLAT: Final = 1e-6
-_COLOURS: Final = "cividis"
 _MARKS: Final = ((VERMILION, "specification not met"), ("#ffffff", "undecided"))
-
-
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """Layout of poses; ``places`` are time or number ``(1, N)``, or coordinates, m, ``(2, N)`` or ``(3, N)``."""
-
-    kind: str
-    places: Array
-    names: tuple[str, ...]
-
-
-def layout_of(poses: PoseSet, nodes: NDArray[np.intp]) -> _Layout:
-    """Return how poses are drawn; ``nodes`` are the indices of the poses to draw."""
-    count = len(nodes)
-    if poses.times is not None:
-        return _Layout("path", poses.times[None, nodes], ("time [s]",))
-    position = poses.position[:, nodes]
-    is_finite = np.isfinite(position).all(axis=0)
-    if (poses.node is None and count <= _MOST_NAMED) or is_finite.sum() < 3:
-        return _Layout("list", np.arange(1.0, count + 1)[None], ("pose, in the order given",))
-    centred = position - position[:, is_finite].mean(axis=1, keepdims=True)
-    axes, sizes, _ = np.linalg.svd(centred[:, is_finite], full_matrices=False)
-    rank = int((sizes > _FLAT * max(float(sizes[0]), 1e-12)).sum())
-    if rank == 1:
-        direction = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
-        return _Layout("path", (direction @ position)[None], (_axis_name(direction),))
-    if rank == 2:
-        normal = axes[:, 2]
-        k = int(np.abs(normal).argmax())
-        if np.abs(normal[k]) > 1 - 1e-9:
-            axis_pair = [axis for axis in range(3) if axis != k]
-            return _Layout("plane", position[axis_pair], tuple(f"{'xyz'[axis]} [mm]" for axis in axis_pair))
-        first, second = axes[:, 0], axes[:, 1]
-        places = np.stack([first @ position, second @ position])
-        return _Layout("plane", places, (_axis_name(first), _axis_name(second)))
-    return _Layout("space", position, ("x [mm]", "y [mm]", "z [mm]"))
-
-
-def _axis_name(direction: Array) -> str:
-    k = int(np.abs(direction).argmax())
-    if abs(direction[k]) > 1 - 1e-9:
-        return f"{'xyz'[k]} [mm]"
-    return f"along ({', '.join(f'{value:.2g}' for value in direction)}) [mm]"
 
 
 def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -> Figure:
@@ -122,8 +72,8 @@ def figure(result: MapResult, quantity: str = "position", level: float = 0.95) -
             if is_curve:
                 _draw_curves(panel, result, layout, values * unit.per_si, title, nodes)
             else:
-                unmet = [poses & (not title) for poses in masks]
-                _draw_field(chart, panel, layout, values[rank] * unit.per_si, unmet, f"{size} [{unit.name}]")
+                unmet = [(poses & (not title), *mark) for poses, mark in zip(masks, _MARKS, strict=True)]
+                draw_field(chart, panel, layout, values[rank] * unit.per_si, f"{size} [{unit.name}]", unmet)
                 panel.set_title(title)
         if is_curve:
             axes[0].set_ylabel(f"{size} [{unit.name}]")
@@ -165,11 +115,11 @@ def _marks(result: MapResult) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 
 def _draw_curves(
-    axes: Axes, result: MapResult, layout: _Layout, values: Array, title: str, nodes: NDArray[np.intp]
+    axes: Axes, result: MapResult, layout: Layout, values: Array, title: str, nodes: NDArray[np.intp]
 ) -> None:
     places = layout.places[0] * (1e3 if layout.names[0].endswith("[mm]") else 1.0)
     order = np.argsort(places, kind="stable")
-    is_short = len(places) <= _MOST_NAMED
+    is_short = len(places) <= MOST_NAMED
     for rank, (level, (colour, dashes, marker)) in enumerate(zip(LEVELS, _STYLES, strict=True)):
         if title and level != 0.95:
             continue
@@ -211,44 +161,6 @@ def _draw_curves(
         axes.set_xlabel("")
         axes.set_xticks(places, labels, rotation=45 if is_rotated else 0, ha="right" if is_rotated else "center")
         axes.set_xlim(0.5, len(places) + 0.5)
-
-
-def _draw_field(
-    chart: Figure, axes: Any, layout: _Layout, values: Array, marked: Sequence[NDArray[np.bool_]], label: str
-) -> None:
-    """Draw the values over a plane or in space, marking unreached places and missed specifications."""
-    places = 1e3 * layout.places
-    is_known = np.isfinite(values)
-    cells = _cells(places, values) if layout.kind == "plane" else None
-    if cells is not None:
-        mesh = axes.pcolormesh(*cells, cmap=_COLOURS, shading="nearest", rasterized=True)
-    else:
-        marker, size = "s" if layout.kind == "plane" else "o", float(np.clip(6000.0 / max(len(values), 1), 4.0, 40.0))
-        mesh = axes.scatter(*places[:, is_known], c=values[is_known], cmap=_COLOURS, s=size, marker=marker)
-    if not is_known.all():
-        axes.scatter(*places[:, ~is_known], c="#999999", s=6, marker="x", linewidths=0.6, label="not reached")
-    for poses, (colour, name) in zip(marked, _MARKS, strict=True):
-        if poses.any():
-            axes.scatter(*places[:, poses], c=colour, s=5, marker="o", linewidths=0.4, edgecolors=BLACK, label=name)
-    axes.set_xlabel(layout.names[0])
-    axes.set_ylabel(layout.names[1])
-    axes.set_aspect("equal")
-    axes.locator_params(nbins=_MOST_TICKS, steps=[1, 2, 5, 10])
-    if layout.kind == "space":
-        axes.set_zlabel(layout.names[2])
-    chart.colorbar(mesh, ax=axes, label=label, shrink=0.85, pad=0.1 if layout.kind == "space" else 0.02)
-
-
-def _cells(places: Array, values: Array) -> tuple[Array, Array, Array] | None:
-    """Return coordinates and values of a regular grid, NaN in empty cells; ``None`` if the places do not form one."""
-    rounded = np.round(places, 6)
-    (u, i), (v, j) = (np.unique(row, return_inverse=True) for row in rounded)
-    # ratio of a grid's cells to its places above which the places are drawn as points
-    if len(u) < 2 or len(v) < 2 or len(u) * len(v) > 2.0 * len(values):
-        return None
-    field = np.full((len(v), len(u)), np.nan)
-    field[j, i] = values
-    return u, v, np.ma.masked_invalid(field)
 
 
 def _section(result: MapResult) -> Html:
