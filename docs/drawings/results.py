@@ -31,6 +31,11 @@ PICTURES: Final = {
         "calibration-forecast.png",
     ),
     "calibration-fit.png": ("calibrate.md", "calibrate rehearsal.csv", "calibration.png"),
+    "calibration-map.png": (
+        "calibrate.md",
+        'calibrate example:ur5 corner.csv --base-free --std "0.03 mm" --grid level.yaml',
+        "calibration-map.png",
+    ),
     "budget.png": ("budget.md", "budget --samples 2048", "budget.png"),
     "worst-case.png": ("worst-case.md", "worst-case", "worst-case.png"),
     "exact-law.png": ("exact-law.md", "exact-law", "exact-law.png"),

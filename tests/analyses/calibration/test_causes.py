@@ -202,6 +202,24 @@ def test_an_arm_read_before_it_settled_is_named_with_the_gain_of_a_refit():
 
 
 @pytest.mark.slow
+def test_backlash_by_approach_is_fitted_in_the_order_of_rows():
+    """Joints that lag by half their gap behind their last motion: the gap is found, and nothing else is missing."""
+    gap, q = 1.5e-4, random_poses(4, 20)
+    play = [Backlash(joint=f"joint{k}", backlash=pp.Uniform(2e-4, mean=2e-4), band=1e4) for k in range(1, 5)]
+    model, moves = offsets(pp.Normal(1e-3), *play), np.sign(np.diff(q, axis=1, prepend=q[:, :1]))
+    readings = readings_of(offsets(pp.Normal(1e-3)), q - gap / 2 * moves, TRACKER, seed=3)
+    found = pp.calibrate(model, (q, readings), TRACKER, approach="previous")
+    assert (found.verdict, found.causes) == ("agrees", ())
+    intervals = np.array([found.interval(f"backlash[joint{k}].backlash") for k in range(1, 5)])
+    assert ((intervals[:, 0] < gap) & (gap < intervals[:, 1])).all(), intervals
+    assert np.ptp(intervals[:3], axis=1).max() < gap, intervals
+    side = pp.ApproachedPose(q[:, 5], moves[:, 5].astype(int).tolist())
+    np.testing.assert_allclose(found.predict(side)[:3, 3] + found.residuals[5], readings[5], atol=1e-12)
+    # without it the load decides, and the order of rows is named
+    assert pp.calibrate(model, (q, readings), TRACKER).causes[0].kind == "backlash by motion"
+
+
+@pytest.mark.slow
 def test_joint_values_as_read_are_compared_with_those_given(tmp_path):
     """The gain is the difference of two fits, whichever of both is given."""
     model, given = offsets(pp.Normal(1e-3)), random_poses(4, 20)

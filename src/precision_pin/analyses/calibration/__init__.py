@@ -228,7 +228,7 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
 
     run = partial(
         calibrate, model, tuple(options["robots"]), measurements, prior=not options["no_prior"], only=options["only"],
-        at=at, findings=request.sheet.findings,
+        approach=options["approach"], at=at, findings=request.sheet.findings,
     )  # fmt: skip
     places = request.read_pose_set(_MAX_POSES) if options["grid"] is not None else None
     remaining: list[Any] = []

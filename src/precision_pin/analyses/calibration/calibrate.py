@@ -17,7 +17,7 @@ from scipy import sparse, spatial, stats
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
 from precision_pin.analyses.calibration.causes import Cause, Evidence, find_causes
-from precision_pin.analyses.calibration.data import CalibrationData, check_data, check_directions, read_data
+from precision_pin.analyses.calibration.data import CalibrationData, approached, check_data, check_directions, read_data
 from precision_pin.analyses.calibration.drift import drift_warnings
 from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.calibration.forecast import (
@@ -280,6 +280,7 @@ def calibrate(
     *,
     prior: bool = True,
     only: Sequence[str] = (),
+    approach: object = None,
     at: object = None,
     findings: Sequence[Finding] = (),
 ) -> CalibrationResult:
@@ -295,6 +296,8 @@ def calibrate(
             the readings determine, where all others keep their tolerances.
         only: Kinds of source, such as ``joint_offset``, whose numbers are estimated; those of all others stay at their
             means, and the errors before and after leave them out. All if empty.
+        approach: Approach of the poses that were read, as in :class:`precision_pin.ApproachedPose`: ``"previous"``, from
+            row to row, for readings in the order in which they were taken.
         at: Poses where the error that is left is computed; the model's named poses if left out, else the measured ones.
         findings: Findings to pass on, such as those of the sheet.
 
@@ -317,7 +320,7 @@ def calibrate(
     check_flag("prior", prior)
     datums, model = model.datums, model.bare
     fitted, held_findings = _hold_other_sources(model, only)
-    readings, bases, problem = measured_problem(fitted, data, measurements)
+    readings, bases, problem = measured_problem(fitted, data, measurements, approach)
     tasks = design.task_poses(fitted, at, readings.q)
     noise: dict[str, fitting.EstimatedStd] = {}
     if problem.unknown_deviations:
@@ -423,10 +426,11 @@ def _hold_other_sources(model: ErrorModel, only: Sequence[str]) -> tuple[ErrorMo
 
 
 def measured_problem(
-    model: ErrorModel, data: object, measurements: tuple[Measurement, ...]
+    model: ErrorModel, data: object, measurements: tuple[Measurement, ...], approach: object = None
 ) -> tuple[CalibrationData, tuple[Array, ...], fitting.Problem]:
     """Return the data, for each measurement the first guess of the base ``(4, 4)``, and the problem of all readings."""
     readings = read_data(model, data, measurements)
+    readings = readings if approach is None else approached(model, readings, approach)
     problem, bases = fitting.Problem.of(model, readings)
     _check_readings(problem, readings)
     return readings, bases, problem

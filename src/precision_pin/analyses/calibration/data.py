@@ -39,7 +39,7 @@ from precision_pin.base.files import csv_text
 from precision_pin.base.se3 import log_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
-from precision_pin.robot.configurations import joint_quantity
+from precision_pin.robot.configurations import ApproachedPose, joint_quantity
 from precision_pin.robot.joint_columns import recorded
 from precision_pin.sheet.drift import Drift
 from precision_pin.sheet.measurement import Measurement, written_sums
@@ -74,6 +74,7 @@ class CalibrationData(Record):
         sessions: Readings of one instrument after another that may have drifted; ``readings`` are less what is known of it.
         q_read, temperature: Joint values as read where ``q`` are commanded, ``(n, P)``, and temperatures, K up to a
             constant, ``(P,)``; empty if none are given.
+        approaches: Direction in which each joint moved last, ``(n, P)``; empty if it is not known.
     """
 
     q: Array
@@ -91,6 +92,7 @@ class CalibrationData(Record):
     sessions: tuple[Session, ...] = ()
     q_read: Array = field(default_factory=lambda: np.zeros((0, 0)))
     temperature: Array = field(default_factory=lambda: np.zeros(0))
+    approaches: NDArray[np.int8] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int8))
 
     def __post_init__(self) -> None:
         if not self.part.size:
@@ -131,6 +133,14 @@ def read_data(model: ErrorModel, data: object, measurements: tuple[Measurement, 
         else:
             parts.append(_read_file(model, check_path("the data", source), source_measurements, fixed_files.get(k)))
     return parts[0] if len(parts) == 1 else _concatenate(parts)
+
+
+def approached(model: ErrorModel, data: CalibrationData, approach: object) -> CalibrationData:
+    """Return data whose poses have an approach, ``"previous"``: the way from row to row, in their order."""
+    _, first, visit = np.unique(data.visit, return_index=True, return_inverse=True)
+    q = np.ascontiguousarray(data.q[:, first])
+    signs = model.approaches_of(ApproachedPose(q, approach), q)
+    return data if signs is None else replace(data, approaches=np.ascontiguousarray(signs[:, visit]))
 
 
 def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
@@ -174,6 +184,7 @@ def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
         np.concatenate([part.temperature for part in parts])
         if all(part.temperature.size for part in parts)
         else np.zeros(0),
+        _concatenated_approaches(parts),
     )
 
 
@@ -189,6 +200,13 @@ def _without_fixed(model: ErrorModel, sources: list[Any]) -> tuple[list[Any], di
         else:
             fixed[len(others) - 1] = os.fspath(source)
     return others, fixed
+
+
+def _concatenated_approaches(parts: Sequence[CalibrationData]) -> NDArray[np.int8]:
+    """Return the approaches of all parts, unknown where a part has none; empty if no part has any."""
+    if not any(part.approaches.size for part in parts):
+        return np.zeros((0, 0), dtype=np.int8)
+    return np.hstack([part.approaches if part.approaches.size else np.zeros(part.q.shape, np.int8) for part in parts])
 
 
 def _padded(readings: Array, width: int) -> Array:
@@ -231,9 +249,11 @@ def _read_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Meas
         is_free, times = measurement.base == "free", selected.astype(float)
         sessions = (Session.of(times, NO_FIXED_READINGS, measurement.drift, is_free=is_free),)
     parts = (measurement,), ("",)
-    return CalibrationData(
+    data = CalibrationData(
         columns, values, empty, empty, "", lines, *parts, findings=tuple(findings), sessions=sessions
     )
+    signs = model.approaches_of(poses, q)
+    return data if signs is None else replace(data, approaches=np.ascontiguousarray(signs[:, selected]))
 
 
 def _missing_findings(quantity: str, is_missing: NDArray[np.bool_], lines: Sequence[int], path: str) -> list[Finding]:

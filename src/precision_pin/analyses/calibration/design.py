@@ -682,7 +682,9 @@ def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station,
     return tuple(
         Station(station.at, tuple(rows[list(station.rows)].tolist()))
         for k, rows in ((k, np.flatnonzero(load_of_row == k)) for k in np.unique(load_of_row))
-        for station in stations_of(model, data.q[:, rows], data.measurements[k])
+        for station in stations_of(
+            model, data.q[:, rows], data.measurements[k], data.approaches[:, rows] if data.approaches.size else None
+        )
     )
 
 

@@ -565,7 +565,12 @@ class WorstReadings(NamedTuple):
         deviations = np.zeros(rows.size)
         instrument = fitted_covariance(data, [set_up.base for set_up in result.set_ups])
         selection = replace(
-            data, q=data.q[:, rows], readings=data.readings[rows], part=data.part[rows], visit=np.arange(rows.size)
+            data,
+            q=data.q[:, rows],
+            readings=data.readings[rows],
+            part=data.part[rows],
+            visit=np.arange(rows.size),
+            approaches=data.approaches[:, rows] if data.approaches.size else data.approaches,
         )
         for station in stations_of_data(result.original, selection):
             pose, error = station.at.posture.pose, station.at.exact(result.components[:, None])
