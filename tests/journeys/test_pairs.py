@@ -85,6 +85,7 @@ WRITTEN = {
     "--journal": {"the same command": "run.journal"},
     "--grid": {},
     "--map": {},
+    "--stiffness": {},
     "--factory": {},
 }
 """Files by what takes them, a word of the arguments or an option, and by the command that writes them."""
