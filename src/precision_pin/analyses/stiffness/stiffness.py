@@ -123,7 +123,7 @@ class ElasticPart(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Steps(Record):
+class LoadSteps(Record):
     """Static compliance along an axis with a sign.
 
     Attributes:
@@ -226,7 +226,7 @@ class PoseStiffness(Record):
     rotation: tuple[Direction, ...]
     softest_rotation: Direction
     sources: tuple[ElasticPart, ...]
-    static_compliance: Mapping[str, Steps]
+    static_compliance: Mapping[str, LoadSteps]
     dead_band: tuple[HeldJoint, ...]
     goal: Goal | None
     solved_difference: float | None
@@ -588,7 +588,7 @@ class _Loading:
         interval = clopper_pearson(inside, len(values), self.confidence)
         return Goal(self.goal, max(wanted / self.goal, 1.0), inside / len(values), interval)
 
-    def _steps(self, elastic: ElasticPose, whole: Array, names: Sequence[str], axes: Array) -> dict[str, Steps]:
+    def _steps(self, elastic: ElasticPose, whole: Array, names: Sequence[str], axes: Array) -> dict[str, LoadSteps]:
         if self.rated is None:
             return {}
         forces, result = self.rated * np.arange(1, STEPS + 1) / STEPS, {}
@@ -602,7 +602,7 @@ class _Loading:
                     for k, force in enumerate(forces[:-1]):
                         tangent[k] = self._position(elastic, float(force), sign * u) - start
                 along = tangent @ u * sign / forces
-                result[f"{'+' if sign > 0 else '-'}{name}"] = Steps(
+                result[f"{'+' if sign > 0 else '-'}{name}"] = LoadSteps(
                     self.rated / STEPS, self.rated, forces, tangent, along
                 )
         return result
