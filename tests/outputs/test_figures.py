@@ -392,6 +392,8 @@ def further(plane):
         "compare": pp.compare({"A" * 60: PAPER, "B" * 60: small}, samples=100),
         "compensate": pp.compensate(small, random),
         "compensate path": pp.compensate(small, TIMED),
+        "stiffness": pp.stiffness(PAPER, rated="100 N", robots=100),
+        "stiffness map": pp.stiffness(PAPER, random, robots=100),
         "allocate": pp.allocate(PAPER, {"specs": ["40 mm @ 90 %"], "tolerances": tolerances}, pareto=2, for_samples=0),
         "calibrate forecast": pp.forecast_calibration(small, random, measurement),
         "calibrate plan": pp.plan_calibration(small, random, 4, measurement),

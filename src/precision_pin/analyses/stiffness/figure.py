@@ -43,9 +43,11 @@ _FLAT: Final = 0.02
 """Relative extent of the places below which a view shows a line."""
 
 
-def figure(result: StiffnessResult, which: int = 0) -> Figure:
-    """Return the compliances along the axes by elastic source, and the displacement by force, 174 mm wide."""
-    pose = result.poses[which]
+def figure(result: StiffnessResult, which: int | None = None) -> Figure:
+    """Return a pose's compliances by elastic source, with displacement over force; by default the map of several poses."""
+    if which is None and len(result.poses) > 1:
+        return map_figure(result)
+    pose = result.poses[which or 0]
     caption = f"{figure_style.caption('stiffness', result.provenance, pose.pose)}\n{result.how}"
     with figure_style.style():
         chart = figure_style.new_figure(figure_style.DOUBLE_COLUMN)
