@@ -128,10 +128,17 @@ def test_a_drift_is_taken_out_and_neglected_it_is_named(tmp_path):
     assert taken.shown.interval[0] < 40e-6 < taken.shown.interval[1]
     little = pp.calibrate(model(), path, replace(TRACKER, drift={"std": "5 um", "every": "1 h"}))
     assert "not of 5 µm" in next(finding.message for finding in little.findings if finding.code == "W_DRIFT")
-    # a target that was touched counts as another one from then on
-    touched = [[*row[:4], str(float(row[4]) + 5), *row[5:8], "again"] if k > 20 and row[8] == "ball 1" else row
-               for k, row in enumerate(rows)]  # fmt: skip
-    assert pp.calibrate(model(), written(tmp_path / "touched.csv", touched), DRIFTING).verdict == "agrees"
+
+    # a target that moved by itself counts as another one from then on
+    def moved(name):
+        return [[*row[:4], str(float(row[4]) + 1), *row[5:8], name] if k > 20 and row[8] == "ball 1" else row
+                for k, row in enumerate(rows)]  # fmt: skip
+
+    touched = pp.calibrate(model(), written(tmp_path / "touched.csv", moved("ball 1")), DRIFTING)
+    assert "without ball 1 they do not, so it moved by itself" in next(
+        f.message for f in touched.findings if f.code == "W_DRIFT"
+    )
+    assert pp.calibrate(model(), written(tmp_path / "named.csv", moved("again")), DRIFTING).verdict == "agrees"
     # the JSON has the readings as given
     given = np.array([row[4:7] for row in rows if not row[8]], dtype=float)
     np.testing.assert_allclose(1e3 * fit.given["readings"], given, atol=1e-9)

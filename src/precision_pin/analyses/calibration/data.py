@@ -466,7 +466,7 @@ def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target)
     covariances = measurement.point_covariances(points[rows])
     if stds.size:
         covariances = np.where(np.isnan(stds), measurement.std, stds)[rows, :, None] ** 2 * np.eye(3)
-    return FixedReadings(clock.times(table)[rows], numbers, points[rows], covariances)
+    return FixedReadings(clock.times(table)[rows], numbers, points[rows], covariances, tuple(names.tolist()))
 
 
 _Target = tuple[Measurement, tuple[str, ...]]

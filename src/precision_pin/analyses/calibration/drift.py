@@ -34,6 +34,8 @@ MOST_KNOTS: Final = 64
 """Steps of a walk between knots; up to as many times are exact."""
 FALSE_DRIFT: Final = 0.01
 """Probability that a drift is found where there is none."""
+_TOUCHED: Final = (1e-6, FALSE_DRIFT)
+"""Probabilities of as much drift by all targets, at most, and without the one that moved by itself, at least."""
 LEVEL: Final = 0.95
 """Probability of the intervals."""
 _UNSEEN: Final = 1e-9
@@ -47,12 +49,22 @@ _EVERY: Final = 3600.0
 
 
 class FixedReadings(NamedTuple):
-    """Readings of fixed targets: times, numbers of the targets ``(F,)``, places ``(F, 3)``, m, and covariances ``(F, 3, 3)``."""
+    """Readings of fixed targets: times, numbers of the targets ``(F,)``, places ``(F, 3)``, m, and covariances ``(F, 3, 3)``.
+
+    ``names`` are those of the targets.
+    """
 
     times: Array
     targets: NDArray[np.intp]
     points: Array
     covariances: Array
+    names: tuple[str, ...] = ()
+
+    def without(self, target: int) -> FixedReadings:
+        """Return the readings of the other targets."""
+        is_kept = self.targets != target
+        arrays = self.times[is_kept], self.targets[is_kept], self.points[is_kept], self.covariances[is_kept]
+        return FixedReadings(*arrays, self.names)
 
     def white(self, steps: Array) -> tuple[Array, Array]:
         """Return whitened readings less the places of their targets, ``(3F,)``, and slopes by a walk of ``steps`` ``(F, K)``."""
@@ -208,10 +220,11 @@ class Session(Record):
         left: What was taken out of them, and what remains, in the axes of the readings; about the mean if the base is free.
         targets, readings: Number of fixed targets, and of their readings.
         shown: What these show; ``None`` where they tell nothing.
+        touched: Name of a target without which the others show nothing else than stated; empty for none.
     """
 
     KEYS: ClassVar[Keys] = (
-        *("drift", "targets", "readings", "shown", "every=told.every"),
+        *("drift", "targets", "readings", "shown", "every=told.every", "touched"),
         *("rows", "taken_out=left.mean", "std_left=left.std"),
     )
 
@@ -221,14 +234,20 @@ class Session(Record):
     targets: int
     readings: int
     shown: ShownDrift | None
+    touched: str
 
     @classmethod
     def of(cls, times: Array, fixed: FixedReadings, drift: Drift | None, *, is_free: bool) -> Session:
         """Return the session of readings at times ``(N,)``, and of fixed targets; ``is_free`` if the base is estimated."""
         left = remainder(0.0 if drift is None else drift.rate, times, fixed)
         left = left.about_its_mean() if is_free else left
-        shown = ShownDrift.of(fixed, _EVERY if drift is None else drift.every, drift) if fixed.times.size else None
-        return cls(drift, np.arange(times.size), left, np.unique(fixed.targets).size, fixed.times.size, shown)
+        every, count = _EVERY if drift is None else drift.every, len(fixed.names)
+        shown, touched = ShownDrift.of(fixed, every, drift) if count else None, ""
+        if shown is not None and shown.chance <= _TOUCHED[0] and count > 2:
+            others = [ShownDrift.of(fixed.without(target), every, drift) for target in range(count)]
+            chances = [1.0 if other is None else other.chance for other in others]
+            touched = fixed.names[int(np.argmax(chances))] if max(chances) >= _TOUCHED[1] else ""
+        return cls(drift, np.arange(times.size), left, count, fixed.times.size, shown, touched)
 
     @property
     def told(self) -> Drift:
@@ -273,8 +292,11 @@ def drift_warnings(sessions: Sequence[Session]) -> Iterator[Finding]:
         low, high = (f"{1e6 * bound:.3g}" for bound in shown.interval)
         figure = f"{float(f'{1e6 * std:.2g}'):g}"
         lacks = "which the sheet lacks" if stated is None else f"not of {1e6 * stated.std:.3g} µm"
+        advice = f"write measurement: {{drift: {{std: {figure} um, every: {text}}}}}"
+        if session.touched:
+            advice = f"without {session.touched} they do not, so it moved by itself: give it another name from then on"
         message = (
             f"{session.readings} readings of {session.targets} fixed targets show a drift of {figure} µm in {text} "
-            f"(95 %: {low} to {high} µm), {lacks}: write measurement: {{drift: {{std: {figure} um, every: {text}}}}}"
+            f"(95 %: {low} to {high} µm), {lacks}: {advice}"
         )
         yield Finding("warning", "W_DRIFT", message)
