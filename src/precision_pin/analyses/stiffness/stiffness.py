@@ -439,12 +439,15 @@ def stiffness(
     add(doubts)
     warnings += map(str, doubts)
     with steps_to(progress, len(pose_list), "poses") as step:
-        entries = []
-        for name, pose, elastic in zip(names, pose_list, load.elasticity.at_many(pose_list), strict=True):
-            entries.append(load.at(name, pose, elastic))
+        entries: list[PoseStiffness] = []
+        softest, softest_arm = 0, None
+        for k, elastic in enumerate(load.elasticity.at_many(pose_list)):
+            entries.append(load.at(names[k], pose_list[k], elastic))
+            if softest_arm is None or entries[k].softest.compliance > entries[softest].softest.compliance:
+                softest, softest_arm = k, elastic
             step(1)
-    softest = max(range(len(entries)), key=lambda k: entries[k].softest.compliance)
-    difference = load.difference(pose_list[softest])
+    assert softest_arm is not None
+    difference = load.difference(pose_list[softest], softest_arm)
     entries[softest] = replace(entries[softest], solved_difference=difference)
     if difference is not None and difference > _DIFFERENT:
         warnings += [
@@ -621,11 +624,11 @@ class _Loading:
             HeldJoint(label, names[joint], band, reach[:, joint] * band) for label, (joint, band) in bands.items()
         )
 
-    def difference(self, pose: Pose) -> float | None:
+    def difference(self, pose: Pose, elastic: ElasticPose) -> float | None:
         """Return the largest relative difference of the law at a pose from its softest and stiffest robot solved alone."""
         if self.elasticity.statics == "nominal":
             return None
-        sizes, largest = _largest(self.elasticity.at(pose).whole(self.x)[:3, :3]), 0.0
+        sizes, largest = _largest(elastic.whole(self.x)[:3, :3]), 0.0
         for robot in (int(sizes.argmin()), int(sizes.argmax())):
             x = self.x[:, robot]
             alone = _largest(self.elasticity.at(pose, x).whole(x[:, None])[:3, :3])[0]
