@@ -521,3 +521,17 @@ def test_cycles_are_the_visits_of_the_forecasts_robot(run, refused, folder, shee
     for pose, figure in itertools.product(("P1", "P2"), ("AP", "RP")):
         assert measured[pose][figure] == pytest.approx(forecast[pose][figure]["mean"], abs=5e-9)
     refused("calibrate", sheet, "c.csv")
+
+
+@pytest.mark.slow
+def test_a_grid_with_data_maps_the_error_that_is_left(run, folder, quick):
+    """Places in a plane, some out of reach; the note has the extremes of the poses of --at."""
+    (folder / "joints.yaml").write_text("joints: {joint1: -40 40 deg, joint2: 0 deg, joint3: 30 60 deg, joint4: 0 deg}")
+    told = run("calibrate", quick, "data.csv", "--approach", "previous", "--grid", "joints.yaml", "--out", "left")
+    note = re.search(r"map of 4 poses: 95 % of \|d\| left (\S+) to (\S+) mm", told.err + told.out)
+    assert {path.name for path in (folder / "left").glob("*.png")} == {"calibration.png", "calibration-map.png"}
+    at = np.radians([[a, 0, b, 0] for a in (-40, 40) for b in (30, 60)]).T
+    arm = pp.calibrate(pp.ErrorModel.load(folder / quick), str(folder / "data.csv"), at=at)
+    sizes = [1e3 * entry.quantile("after") for entry in arm.poses]
+    assert [*map(float, note.groups())] == pytest.approx([min(sizes), max(sizes)], rel=6e-3)
+    assert "--grid places to map" in run("calibrate", quick, "data.csv", "--q", "0 0 0 0 deg", code=2).err

@@ -16,7 +16,7 @@ import precision_pin as pp
 from precision_pin.analyses.budget.figure import Bar, draw_bars
 from precision_pin.analyses.calibration import figure as calibration_figures
 from precision_pin.analyses.map.figure import figure as map_figure
-from precision_pin.analyses.map.figure import layout_of
+from precision_pin.analyses.pose_layout import layout_of
 from precision_pin.analyses.registry import declarations
 from precision_pin.analyses.shares import VECTORS
 from precision_pin.analyses.worst_case.figure import explain_excess

@@ -114,6 +114,12 @@ QUANTITIES: Final = tuple(dict.fromkeys(entry for entry in list(globals().values
 """All quantities, in the order above."""
 
 
+def per_second(quantity: Quantity) -> Quantity:
+    """Return the rate of a quantity."""
+    rates = {f"{unit}/s": factor for unit, factor in quantity.units.items()}
+    return _quantity(f"{quantity.name} per second", f"{quantity.si}/s", rates)
+
+
 def quantity_of(unit: str) -> Quantity:
     """Return the quantity of a unit, spelled as in the tables."""
     return next(quantity for quantity in QUANTITIES if unit in quantity.units)

@@ -19,7 +19,7 @@ from precision_pin.analyses.calibration.data import check_directions, read_data
 from precision_pin.analyses.calibration.design import SetUp
 from precision_pin.analyses.calibration.figure import plan_figure
 from precision_pin.analyses.calibration.forecast import contact_poses, interval_after, simulate_calibrations
-from precision_pin.analyses.calibration.remaining import RemainingError
+from precision_pin.analyses.calibration.remaining import RemainingError, remaining_figure
 from precision_pin.analyses.calibration.table import calibration_table, estimate_rows, set_up_lines
 from precision_pin.base import se3
 from precision_pin.base.errors import UnknownNameError
@@ -516,3 +516,11 @@ def test_a_map_shows_what_was_found_and_what_is_left():
     np.testing.assert_array_equal(left.left_out.T, found.left_out[:, :3])
     text = str(left)
     assert f"{1e3 * np.nanmin(left.quantile):.3g} to {1e3 * np.nanmax(left.quantile):.3g} mm" in text
+    # in space, along a line, over a plane whose poses that were read have crosses
+    corners = np.array([[0, 1, 0, 1], [0, 0, 1, 1], [0, 0, 0, 0.0]])
+    turned = PoseSet.at(found.original.chain, np.array([[0, 0.5, 1, 1.5], [0] * 4, [0] * 4, [0.0] * 4]))
+    for places in (poses, replace(turned, position=corners * [[1], [0], [0]]), replace(turned, position=corners)):
+        drawn = remaining_figure(found, RemainingError.of(found, replace(places, node=np.arange(len(places)))))
+        names = [axes.get_title() for axes in drawn.axes[:2]]
+        assert names == ["found in the nominal arm, and corrected", "left by the calibration"]
+    assert len(drawn.axes[1].lines[0].get_xdata()) == len(found.data)

@@ -239,6 +239,20 @@ def test_joint_values_as_read_are_compared_with_those_given(tmp_path):
 
 
 @pytest.mark.slow
+def test_joints_read_while_they_move_are_late_by_a_time(tmp_path):
+    model, q = offsets(pp.Normal(1e-3)), random_poses(4, 20)
+    speeds, late = np.random.default_rng(2).normal(0, 0.02, (4, 20)), 8e-3
+    more = {f"joint{k}_speed [deg/s]": np.degrees(values) for k, values in enumerate(speeds, 1)}
+    readings = readings_of(model, q - late * speeds, TRACKER, seed=3)
+    first = pp.calibrate(model, written(tmp_path / "a.csv", q, readings, **more), TRACKER).causes[0]
+    assert (first.kind, first.unit, " ms; 95 %: " in str(first)) == ("settling", "s", True)
+    assert first.interval[0] < late < first.interval[1]
+    del more["joint2_speed [deg/s]"]
+    with pytest.raises(pp.InputError, match=r"no column for joint2_speed; joint1_speed, .* belong together"):
+        pp.calibrate(model, written(tmp_path / "b.csv", q, readings, **more), TRACKER)
+
+
+@pytest.mark.slow
 def test_growth_by_temperature_is_told_from_growth_in_time(tmp_path):
     model, q = offsets(pp.Normal(1e-3)), random_poses(4, 20)
     warmth = np.random.default_rng(1).uniform(18, 30, 20)

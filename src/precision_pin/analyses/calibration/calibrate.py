@@ -257,7 +257,12 @@ class CalibrationResult(PosesOutcome):
         """Joint values and readings as in the JSON, a row for each reading; ``std`` and ``group`` where they are given."""
         data, joints = self.data, self.original.chain.joint_names
         several = {"measured_by": data.part, "visit": data.visit} if len(data.measurements) > 1 else {}
-        axes = {"axis_ratios": data.axis_ratios, "q_read": data.q_read.T, "temperature": data.temperature}
+        axes = {
+            "axis_ratios": data.axis_ratios,
+            "q_read": data.q_read.T,
+            "speed": data.speed.T,
+            "temperature": data.temperature,
+        }
         extras = {"std": data.std, "group": data.group, **axes}
         optional = {name: values for name, values in extras.items() if values.size}
         readings = data.readings.copy()

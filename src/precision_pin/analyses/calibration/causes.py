@@ -43,7 +43,7 @@ WAVES: Final = tuple(f"wave, {order} in a turn" for order in range(1, 5))
 """Orders of joint waves that are tested."""
 COMPLIANCE: Final = "compliance"
 SETTLING: Final = "settling"
-"""Read before the arm had arrived: a share of the step from the pose before is left."""
+"""Read before the arm had arrived: a share of the step from the pose before is left, or its speed times a time."""
 BACKLASH: Final = ("backlash by motion", "backlash by load")
 OF_JOINTS: Final = ("zero", *np.repeat(WAVES, 2).tolist(), *BACKLASH, COMPLIANCE, SETTLING)
 """Kinds of the columns of each joint, a sine and a cosine for each wave."""
@@ -60,6 +60,7 @@ _PRINTED: Final = {
     "m/K": (1e3, "mm/K"),
     "1/K": (1e6, "ppm/K"),
     "step": (1e2, "% of the step"),
+    "s": (1e3, "ms"),
 }
 """Factor and printed unit of each SI unit."""
 TOLERANCE: Final = "tolerance too small"
@@ -73,9 +74,9 @@ class Cause(Record):
         kind: What it is; ``tolerance too small`` is no other error, but a number of the sheet, which ``joint`` names then.
         joint: The joint, or of several joints that with the largest error; empty for the set-up.
         is_shared: Whether several joints have it.
-        size, interval, unit: Amplitude of a wave, gap of a backlash, compliance, share of the step that is left, way of a
-            drift or share of a growth from the first reading to the last or for each kelvin, in prior standard deviations of a
-            tolerance: posterior mean and 95 % interval, for a variance as likely as possible.
+        size, interval, unit: Amplitude of a wave, gap of a backlash, compliance, share of the step that is left or, of given
+            speeds, time, way of a drift or share of a growth from the first reading to the last or for each kelvin, in prior
+            standard deviations of a tolerance: posterior mean and 95 % interval, for a variance as likely as possible.
         likelihood: Relative to that of the likeliest cause.
         left_out: Root mean square (m) by which it displaces readings left out of the fit from their predictions.
     """
@@ -137,7 +138,7 @@ def columns_of(problem: Problem, data: CalibrationData, nuisances: Array) -> tup
     chain, q = problem.model.chain, data.q
     joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
     labels = [
-        (kind, name, "step" if kind == SETTLING else _UNITS[slides][kind == COMPLIANCE])
+        (kind, name, ("s" if data.speed.size else "step") if kind == SETTLING else _UNITS[slides][kind == COMPLIANCE])
         for name, slides in joints
         for kind in OF_JOINTS
     ]
@@ -151,7 +152,7 @@ def columns_of(problem: Problem, data: CalibrationData, nuisances: Array) -> tup
     waves = np.array([wave(order * angles) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)])
     clocks = [visit / max(first_rows.size - 1, 1) - 0.5]
     clocks += [data.temperature - data.temperature.mean()] if data.temperature.size else []
-    last_steps = steps[:, visit]
+    unsettled = data.speed if data.speed.size else steps[:, visit]
     by_error, changes = problem.at_means(nuisances)[1], np.zeros((*problem.readings.shape, len(labels)))
     share = cache(lambda factors: float(at_means({factors: 1.0}, problem.model.space)))
     for station in problem.stations:
@@ -163,7 +164,7 @@ def columns_of(problem: Problem, data: CalibrationData, nuisances: Array) -> tup
         for row in station.rows:
             by_load = np.sign(torque.round(9)) / 2
             by_motion = motion_signs[:, row] / 2
-            shapes = np.array([0 * torque + 1, *waves[:, :, row], by_motion, by_load, torque, last_steps[:, row]]).T
+            shapes = np.array([0 * torque + 1, *waves[:, :, row], by_motion, by_load, torque, unsettled[:, row]]).T
             shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]])
             by_clock = [shifts * clock[row] for clock in clocks]
             error = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), *by_clock])

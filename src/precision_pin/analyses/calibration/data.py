@@ -7,11 +7,11 @@ There is a column for each joint and each number of a reading, with its unit in 
 ``rx ry rz`` of a pose, the rotation vector of the measured attitude; ``distance`` of a distance. ``std`` is the
 standard deviation of the row's lengths, or ``sx sy sz`` that of each, in the axes of the readings; ``group`` a whole
 number for rows that are left out together; ``joint1_read`` … what encoders read where ``joint1`` … are commanded;
-``temperature`` that of the row, of which only differences count. At contact no reading is needed: ``height`` over a
-plane, and ``x y z`` from the socket, default to zero. ``x1 y1 z1 x2 …`` are several targets on the tool. A cell that is
-empty, nan or NA is a missing reading. Times are ignored, but where the instrument may drift: then a row with a name in the
-column ``fixed`` is of a target that stands still, whatever the joints are, and so is each row of a file without joints, with
-that column.
+``joint1_speed`` … how fast joints still moved; ``temperature`` that of the row, of which only differences count. At
+contact no reading is needed: ``height`` over a plane, and ``x y z`` from the socket, default to zero. ``x1 y1 z1 x2 …``
+are several targets on the tool. A cell that is empty, nan or NA is a missing reading. Times are ignored, but where the
+instrument may drift: then a row with a name in the column ``fixed`` is of a target that stands still, whatever the joints
+are, and so is each row of a file without joints, with that column.
 
 A quick fit of the nominal arm finds joint zeros and directions that no tolerance can explain.
 """
@@ -50,6 +50,8 @@ _FEW: Final = 8
 """Rows from which distances between targets are checked."""
 READ: Final = "_read"
 """End of the name of a column with a joint's value as read, beside the commanded one."""
+SPEED: Final = "_speed"
+"""End of the name of a column with a joint's speed when the row was read."""
 _RIGID: Final = 0.01
 """Standard deviation of the distance between targets, in std of the instrument, below which they are not independent."""
 
@@ -74,6 +76,7 @@ class CalibrationData(Record):
         sessions: Readings of one instrument after another that may have drifted; ``readings`` are less what is known of it.
         q_read, temperature: Joint values as read where ``q`` are commanded, ``(n, P)``, and temperatures, K up to a
             constant, ``(P,)``; empty if none are given.
+        speed: Joint speeds when the row was read, rad/s and m/s, ``(n, P)``; empty if none are given.
         approaches: Direction in which each joint moved last, ``(n, P)``; empty if it is not known.
     """
 
@@ -92,6 +95,7 @@ class CalibrationData(Record):
     sessions: tuple[Session, ...] = ()
     q_read: Array = field(default_factory=lambda: np.zeros((0, 0)))
     temperature: Array = field(default_factory=lambda: np.zeros(0))
+    speed: Array = field(default_factory=lambda: np.zeros((0, 0)))
     approaches: NDArray[np.int8] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int8))
 
     def __post_init__(self) -> None:
@@ -184,6 +188,7 @@ def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
         np.concatenate([part.temperature for part in parts])
         if all(part.temperature.size for part in parts)
         else np.zeros(0),
+        np.hstack([part.speed for part in parts]) if all(part.speed.size for part in parts) else np.zeros((0, 0)),
         _concatenated_approaches(parts),
     )
 
@@ -293,7 +298,11 @@ def _read_file(
         path,
         clock.texts,
         columns=lambda cells, row: recorded(cells, row, si, names),
-        known=lambda name: name.removesuffix(READ) in joints or is_reading(name) or name in (*clock.texts, clock.name),
+        known=lambda name: (
+            name.removesuffix(READ).removesuffix(SPEED) in joints
+            or is_reading(name)
+            or name in (*clock.texts, clock.name)
+        ),
         ignored=[name for name in csv_columns.TIMES if name not in (*joints, clock.name.casefold())],
         may_miss=True,
     )
@@ -308,6 +317,10 @@ def _read_file(
     if any(f"{name}{READ}" in table.names for name in joints):
         columns_read = [table.column(f"{joint.name}{READ}", joint_quantity(joint)) for joint in model.chain.joints]
         q_read = model.chain.configurations.taken(measurements[0].mixing(model.chain) @ np.array(columns_read))
+    speed = np.zeros((0, len(table.rows)))
+    if any(f"{name}{SPEED}" in table.names for name in joints):
+        rates = [(f"{joint.name}{SPEED}", units.per_second(joint_quantity(joint))) for joint in model.chain.joints]
+        speed = measurements[0].mixing(model.chain) @ np.array([table.column(*rate) for rate in rates])
     temperature = np.zeros(0)
     if "temperature" in table.names:
         temperature = np.array(table.column("temperature", units.TEMPERATURE_DIFFERENCE))
@@ -326,13 +339,14 @@ def _read_file(
     _check_joint_values(model.chain, q, path, table)
     q = model.chain.configurations.taken(q)
     extras = [values for values in (std, group, temperature) if values.size]
-    has_pose = np.isfinite(np.vstack([q, q_read, *extras])).all(axis=0)
+    has_pose = np.isfinite(np.vstack([q, q_read, speed, *extras])).all(axis=0)
     unread = [name for name in table.texts if name not in ("", *clock.texts)]
     are = "s {} are" if len(unread) > 1 else " {} is"
     notes = [f"the column{are.format(some(unread, 6))} not read"] * bool(unread)
     notes += [f"read as columns of {table.recorder}"] * bool(table.recorder)
     findings = [Finding("note", "N_COLUMN", note, path, 1) for note in notes]
-    findings += _missing_findings("a joint value, temperature, std or group", ~has_pose & ~is_fixed, table.lines, path)
+    missing = "a joint value or speed, temperature, std or group"
+    findings += _missing_findings(missing, ~has_pose & ~is_fixed, table.lines, path)
     unique, repeats = list(range(q.shape[1])), list[Finding]()
     if any(columns for _, columns in targets):
         texts = list(zip(*table.texts.values(), strict=True)) if table.texts else [()] * q.shape[1]
@@ -382,6 +396,7 @@ def _read_file(
         sessions,
         np.ascontiguousarray(q_read[:, reading_rows]),
         temperature[reading_rows] if temperature.size else temperature,
+        np.ascontiguousarray(speed[:, reading_rows]),
     )
 
 
@@ -521,16 +536,17 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
     """Raise for columns that are missing, unknown, or without a unit."""
     read_names = tuple(dict.fromkeys(name for _, columns in targets for name in columns))
     std_names = _std_columns(read_names)
-    joints_read = tuple(f"{name}{READ}" for name in chain.joint_names)
-    known_names = (*chain.joint_names, *joints_read, *read_names, *std_names, "std", "group", "temperature")
+    joints_read, speeds = (tuple(f"{name}{end}" for name in chain.joint_names) for end in (READ, SPEED))
+    known_names = (*chain.joint_names, *joints_read, *speeds, *read_names, *std_names, "std", "group", "temperature")
     known_names += (time,) if time else ()
     for name in table.names:
         if name not in known_names:
             hint = f"or ignore it: --columns '{name}=ignore' (readings of {targets[0][0].kind})"
             raise _error(path, f"the column {name!r} is not expected; {nearest(name, known_names)}; {hint}", 1)
-    absent = [name for name in joints_read if name not in table.names]
-    if absent and len(absent) < len(joints_read):
-        raise _error(path, f"no column for {', '.join(absent)}; {', '.join(joints_read)} belong together", 1)
+    for names in (joints_read, speeds):
+        absent = [name for name in names if name not in table.names]
+        if absent and len(absent) < len(names):
+            raise _error(path, f"no column for {', '.join(absent)}; {', '.join(names)} belong together", 1)
     missing_names = [name for name in (*chain.joint_names, *read_names) if name not in table.names]
     if missing_names:
         kind, expected_names = targets[0][0].kind, targets[0][1]
