@@ -53,7 +53,7 @@ def write_set(folder: Path, rows: dict[str, int]) -> None:
                 q = rng.uniform(-1.5, 1.5, 7)
                 wanted = 1e3 * (wam_tip(q, steps) @ mirror)[:3]
                 read = 1e3 * turn.apply((wam_tip(q + zeros, wrong) @ mirror)[:3]) + rng.normal(0, 0.02, 3)
-                writer.writerow([k, *wanted, *(wanted - read), *np.degrees(q)])
+                writer.writerow([k, *wanted, *(read - wanted), *np.degrees(q)])
 
 
 def test_a_simulated_set_is_fitted_judged_and_written(tmp_path, capsys):
@@ -72,7 +72,7 @@ def test_a_simulated_set_is_fitted_judged_and_written(tmp_path, capsys):
     assert float(row["forecast low"]) < float(row["forecast median"]) < float(row["forecast high"])
     assert row["verdict"].startswith("helps")
     page = (tmp_path / "out" / "measured.md").read_text(encoding="utf-8")
-    assert f"**{row['compliance and gears']}**" in page
+    assert f"**{row['geometry and drives']}**" in page
     assert "- skipped: talos: no talos/left-arm-contact.csv" in page
     assert {path.name for path in (tmp_path / "out").glob("*.png")} == {"measured-forecast.png", "measured-unseen.png"}
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 import precision_pin as pp
@@ -24,6 +25,10 @@ SET_UP_ROWS: Final = 60
 """Rows of the fit, evenly chosen, by which base and target of each robot of a forecast are found."""
 WAVES: Final = "1 mrad"
 """Amplitude of the free waves of once and twice in a turn of each joint."""
+PLAY: Final = "{uniform: 5 mrad, mean: 5 mrad}"
+"""What a joint lags behind its last motion, twice: by friction or play."""
+BAND: Final = "10 kN*m"
+"""Friction, larger than any load, so that the approach decides the side."""
 
 
 @dataclass
@@ -59,10 +64,10 @@ class SetUp:
 # forward models ------------------------------------------------------------------------------------------------------
 
 
-def tips(model: pp.ErrorModel, q: Array, x: Array) -> tuple[Array, Array]:
+def tips(model: pp.ErrorModel, q: Array, x: Array, approaches: NDArray[np.int8] | None = None) -> tuple[Array, Array]:
     """Return positions ``(P, N, 3)`` and rotations ``(P, N, 3, 3)`` of the tip of N robots at P poses."""
     places, turns = [], []
-    for at in model.at_many(q):
+    for at in model.at_columns(np.ascontiguousarray(q), approaches):
         error, pose = at.exact(x), at.posture.pose
         places.append((pose[:3, 3, None] + error[:3]).T)
         turns.append(np.moveaxis(se3.exp_rotation(error[3:]), 2, 0) @ pose[:3, :3])
@@ -121,7 +126,7 @@ def set_up_slopes(predicted: Array, turns: Array, set_up: SetUp) -> Array:
 
 
 def variants(sheet: str) -> dict[str, str]:
-    """Return the sheet with geometry alone, and with compliances and waves of all joints that turn."""
+    """Return the sheet with geometry alone, and with compliances, waves and play by approach of all joints that turn."""
     text, mark, urdf = sheet.partition(URDF)
     lines = text.rstrip("\n").split("\n")
     geometry = [line for line in lines if not line.startswith("  - joint_compliance:")]
@@ -132,6 +137,7 @@ def variants(sheet: str) -> dict[str, str]:
             waves += [
                 f"  - encoder: {{joint: {joint}, amplitude: {WAVES}, order: 1, assumed: true}}",
                 f"  - transmission: {{joint: {joint}, amplitude: {WAVES}, order: 2, assumed: true}}",
+                f"  - backlash: {{joint: {joint}, backlash: {PLAY}, band: {BAND}, assumed: true}}",
             ]
     complete = [*lines, *waves]
     return {
@@ -148,7 +154,8 @@ def calibrated(model: pp.ErrorModel, rows: Rows, guess: tuple[float, float, floa
         )  # type: ignore[arg-type]
         for k in range(len(rows.points))
     ]
-    data = [(rows.q, read) for read in rows.points]
+    poses = [pp.ApproachedPose(q, signs) for q, signs in zip(rows.q.T, rows.approaches.T.tolist(), strict=True)]
+    data = [(poses, read) for read in rows.points]
     return pp.calibrate(model, data if several else data[0], measurements if several else measurements[0])
 
 
@@ -171,26 +178,26 @@ def predict(model: pp.ErrorModel, fit: pp.CalibrationResult, seen: Rows, new: Ro
     sigma = next(iter(fit.noise.values())).std
     count = 6 + 3 * len(set_up.targets)
 
-    def slopes(q: Array) -> tuple[Array, Array]:
+    def slopes(rows: Rows) -> tuple[Array, Array]:
         """Return the prediction ``(T·P·3,)`` and its derivatives by numbers in units of their deviations, and the set-up."""
         step = 1e-2 * prior[free]
         x = np.repeat(fit.components[:, None], 1 + 2 * step.size, axis=1)
         x[np.array(index)[free], 1 + np.arange(step.size)] += step
         x[np.array(index)[free], 1 + step.size + np.arange(step.size)] -= step
-        places, turns = tips(model, q, x)
+        places, turns = tips(model, rows.q, x, rows.approaches)
         read = points(places, turns, set_up)
         by_arm = (read[:, :, 1 : 1 + step.size] - read[:, :, 1 + step.size :]) / 2e-2
         by_set_up = set_up_slopes(read[:, :, :1], turns[:, :1], set_up)[:, :, 0]
         columns = np.concatenate([np.moveaxis(by_arm, 2, 3), by_set_up], axis=3)
         return read[:, :, 0], columns
 
-    _, fitted = slopes(seen.q)
+    _, fitted = slopes(seen)
     white = fitted.reshape(-1, fitted.shape[-1]) / sigma
     # a weak prior of 1 m and 1 rad keeps a set-up that readings determine in part regular
     weights = np.concatenate([np.ones(int(free.sum())), np.full(count, 1e-3)])
     scale = np.concatenate([np.ones(int(free.sum())), np.full(count, 1e-3)])
     triangle = np.linalg.qr(np.vstack([white * scale, np.diag(weights)]), mode="r")
-    predicted, columns = slopes(new.q)
+    predicted, columns = slopes(new)
     roots = np.linalg.solve(triangle.T, (columns * scale).reshape(-1, len(scale)).T)
     residuals = new.points - predicted
     halves = roots.reshape(len(scale), *residuals.shape)
@@ -225,7 +232,7 @@ def judge(measured: MeasuredSet) -> Outcome:
             fit = quiet(calibrated, model, measured.fit, measured.guess)
         gain = fit.improvement
         verdict = "no group can be left out" if gain is None else f"{gain.verdict}, {gain.share.verdict}"
-    judged = f"{len(parts[0][1])} set apart" if measured.judged is not None else f"{FOLDS} groups left out"
+    judged = f"{len(parts[0][1])} set apart" if measured.judged is not None else f"{FOLDS} groups"
     means = {name: float(values.mean()) for name, values in distances.items()}
     return Outcome(
         *(measured.robot, measured.instrument, len(measured.fit), judged, measured.forecast_by, band, means["before"]),

@@ -33,7 +33,7 @@ HEADS: Final = (
         "forecast median",
         "forecast high",
     ),
-    *("before", "as measured", "geometry", "compliance and gears", "published", "within 95 %", "verdict"),
+    *("before", "as measured", "geometry", "geometry and drives", "published", "within 95 %", "verdict"),
 )
 """Columns of the CSV; lengths in mm."""
 
@@ -75,20 +75,20 @@ def csv_text(outcomes: Sequence[Outcome]) -> str:
 def tables(outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Return tables in Markdown by name: robots that were calibrated, and robots by their factory's files."""
     calibrated = [
-        "| robot, instrument | readings, judged at | forecast, 95 % band | before | geometry | + compliance, gears | published "
-        "| within 95 % | verdict |",
+        "| robot, instrument | readings, judged at | forecast (95 %) | before | geometry | + drives | published | in 95 % "
+        "| verdict |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     factory = ["| robot | forecast, 95 % band | measured | verdict |", "| --- | --- | --- | --- |"]
     for outcome in outcomes:
         row = dict(zip(HEADS, cells(outcome), strict=True))
-        band = f"{row['forecast median']} ({row['forecast low']} to {row['forecast high']}), {row['forecast by']}"
+        band = f"{row['forecast median']} ({row['forecast low']} to {row['forecast high']})"
         if outcome.geometry is None:
-            factory.append(f"| {row['robot']} | {band} | {row['before']} | {row['verdict']} |")
+            factory.append(f"| {row['robot']} | {band}, {row['forecast by']} | {row['before']} | {row['verdict']} |")
             continue
         calibrated.append(
             f"| {row['robot']}, {row['instrument']} | {row['readings']}, {row['judged at']} | {band} | {row['before']} "
-            f"| {row['geometry']} | **{row['compliance and gears']}** | {row['published'] or '—'} | {row['within 95 %']} % "
+            f"| {row['geometry']} | **{row['geometry and drives']}** | {row['published'] or '—'} | {row['within 95 %']} "
             f"| {row['verdict']} |"
         )
     named = {"calibrated": calibrated, "factory": factory}
@@ -124,7 +124,7 @@ def draw_unseen(outcomes: Sequence[Outcome], path: Path) -> None:
     labels: tuple[tuple[str, str, Any], ...] = (
         ("before", "base and target alone", OTHERS),
         ("geometry", "geometry", NUMPY),
-        ("complete", "with compliance and gears", OURS),
+        ("complete", "geometry and drives", OURS),
     )
     with mpl.rc_context(STYLE):
         rows = -(-len(shown) // 2)

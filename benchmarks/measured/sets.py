@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 import precision_pin as pp
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
+from precision_pin.robot.configurations import approaches_along
 from precision_pin.robot.examples import shipped_sheets
 from precision_pin.robot.ur_kinematics import MODELS
 from precision_pin.robot.urdf.reader import mended
@@ -28,16 +30,22 @@ FOLDS: Final = 5
 
 @dataclass(frozen=True)
 class Rows:
-    """Joint values ``(n, P)``, rad or m, and points read ``(T, P, 3)``, m, in the instrument's axes."""
+    """Joint values ``(n, P)``, rad or m, points read ``(T, P, 3)``, m, in the instrument's axes, and approaches ``(n, P)``."""
 
     q: Array
     points: Array
+    approaches: NDArray[np.int8]
+
+    @classmethod
+    def in_order(cls, q: Array, points: Array) -> Rows:
+        """Return rows whose joints came from the row before."""
+        return cls(q, points, approaches_along(q))
 
     def __len__(self) -> int:
         return self.q.shape[1]
 
     def __getitem__(self, rows: object) -> Rows:
-        return Rows(self.q[:, rows], self.points[:, rows])  # type: ignore[index]
+        return Rows(self.q[:, rows], self.points[:, rows], self.approaches[:, rows])  # type: ignore[index]
 
 
 @dataclass(frozen=True)
@@ -97,13 +105,16 @@ def columns(path: Path, names: Sequence[str]) -> Array:
 
 
 def tracker(folder: Path, joints: int) -> tuple[Rows, Rows, float]:
-    """Return grid, random poses and the mean distance of the latter from their targets, m, as the tracker's sets have them."""
+    """Return grid, random poses and the mean distance of the latter from their targets, m, as the tracker's sets have them.
+
+    A difference is what was read less its target: with this sign the arms sag under their weight, with the other they rise.
+    """
     names = [f"{axis}_{kind}" for kind in ("t", "dif") for axis in "xyz"] + [f"joint_{k + 1}" for k in range(joints)]
     rows, distance = [], 0.0
     for name in ("grid.csv", "random.csv"):
         values = columns(folder / name, names)
-        measured = 1e-3 * (values[:3] - values[3:6]).T
-        rows.append(Rows(np.radians(values[6:]), measured[None]))
+        measured = 1e-3 * (values[:3] + values[3:6]).T
+        rows.append(Rows.in_order(np.radians(values[6:]), measured[None]))
         distance = 1e-3 * float(np.linalg.norm(values[3:6], axis=0).mean())
     return rows[0], rows[1], distance
 
@@ -147,7 +158,8 @@ def talos(folder: Path) -> MeasuredSet:
     joints = ["torso_1_joint", "torso_2_joint", *(f"arm_left_{k}_joint" for k in range(1, 8))]
     values = columns(folder / "left-arm-contact.csv", ["x1", "y1", "z1", *joints])
     sheet, forecast = drafts(described(folder / "talos.urdf"), "arm_left_7_link", "base_link")
-    return MeasuredSet("TALOS, left arm", "contact", sheet, forecast, "init", Rows(values[3:], values[None, :3].mT))
+    rows = Rows.in_order(values[3:], values[None, :3].mT)
+    return MeasuredSet("TALOS, left arm", "contact", sheet, forecast, "init", rows)
 
 
 def tiago(folder: Path) -> MeasuredSet:
@@ -167,7 +179,7 @@ def tiago(folder: Path) -> MeasuredSet:
                     f"marker {k + 1} repeats marker {j + 1} in {same} of {len(points[k])} rows: {which} not used"
                 )
     sheet, forecast = drafts(described(folder / "tiago.urdf"), "arm_7_link", "base_link")
-    rows = Rows(values[12:], points[kept])
+    rows = Rows.in_order(values[12:], points[kept])
     return MeasuredSet(
         "TIAGo", f"motion capture, {len(kept)} markers", sheet, forecast, "init", rows, notes=tuple(notes)
     )
