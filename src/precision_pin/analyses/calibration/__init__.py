@@ -228,9 +228,10 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
 
     run = partial(
         calibrate, model, tuple(options["robots"]), measurements, prior=not options["no_prior"], only=options["only"],
-        approach=options["approach"], at=at, findings=request.sheet.findings,
+        approach=options.get("approach"), at=at, findings=request.sheet.findings,
     )  # fmt: skip
-    places = request.read_pose_set(_MAX_POSES) if options["grid"] is not None else None
+    # the options of a page have neither grid nor approach
+    places = None if options.get("grid") is None else request.read_pose_set(_MAX_POSES)
     remaining: list[Any] = []
 
     def files(result: Any) -> Files:

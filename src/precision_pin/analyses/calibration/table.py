@@ -224,6 +224,7 @@ def headline(result: CalibrationResult) -> list[str]:
         f"{_capital(VERDICTS[result.verdict])}: {chi_square_text(result)}.",
         f"{_capital(residuals_text(result))}.",
         *(f"{_capital(line)}." for line in share_lines(result)),
+        *(f"{_capital(line).replace('->', '→')}." for line in gain_lines(result)),
         f"Position error of the tip at {_where(result)}: rms {_sizes(result)}.",
         *(f"{_capital(str(session))}." for session in result.data.sessions),
         *(f"{_capital(line)}." for line in frame_lines(result)),
