@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
 from analyses.test_moments import stretched
-from precision_pin.analyses.calibration.data import check_directions, read_data
+from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import SetUp
 from precision_pin.analyses.calibration.figure import plan_figure
 from precision_pin.analyses.calibration.forecast import contact_poses, interval_after, simulate_calibrations
 from precision_pin.analyses.calibration.remaining import RemainingError, remaining_figure
+from precision_pin.analyses.calibration.start import check_directions
 from precision_pin.analyses.calibration.table import calibration_table, estimate_rows, set_up_lines
 from precision_pin.base import se3
 from precision_pin.base.errors import UnknownNameError

@@ -17,7 +17,7 @@ from scipy import sparse, spatial, stats
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
 from precision_pin.analyses.calibration.causes import Cause, Evidence, find_causes
-from precision_pin.analyses.calibration.data import CalibrationData, approached, check_data, check_directions, read_data
+from precision_pin.analyses.calibration.data import CalibrationData, approached, check_data, read_data
 from precision_pin.analyses.calibration.drift import drift_warnings
 from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.calibration.forecast import (
@@ -29,7 +29,7 @@ from precision_pin.analyses.calibration.forecast import (
 )
 from precision_pin.analyses.calibration.gains import MIN_GROUPS, CauseGain, cause_warnings, find_gains, gain_interval
 from precision_pin.analyses.calibration.instrument import length_stds
-from precision_pin.analyses.calibration.start import nominal_distance
+from precision_pin.analyses.calibration.start import check_directions, nominal_distance
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.readings import measurements_of
 from precision_pin.base import se3

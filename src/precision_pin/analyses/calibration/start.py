@@ -1,19 +1,25 @@
-"""Start of a fit: base and targets in closed form, and distance of the readings from the nominal arm."""
+"""Start of a fit: base and targets in closed form, distance of the readings from the nominal arm, joint directions.
+
+A quick fit of the nominal arm finds joint zeros and directions that no tolerance can explain.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations, compress, islice, permutations
+from typing import Final, NamedTuple
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
-from precision_pin.analyses.calibration.data import CalibrationData
+from precision_pin.analyses.calibration.data import CONTACT, CalibrationData
 from precision_pin.analyses.calibration.design import MOST_GROSS, Estimator, Instruments, set_up_of
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.robot.chain import Chain
+from precision_pin.sheet.measurement import Measurement, written_sums
 
 REWEIGHED: Final = 6
 """Rounds of a reweighted fit; outliers weigh less in each."""
@@ -169,3 +175,142 @@ def nominal_distance(chain: Chain, data: CalibrationData) -> float:
     white, by_nuisance = np.concatenate(values), np.concatenate(slopes)
     sizes = reweighed_sizes(white, np.zeros((len(white), 0)), by_nuisance, rows)
     return float(np.sqrt(np.mean(np.sort(sizes)[: -int(MOST_GROSS * len(sizes)) or None] ** 2)))
+
+
+# joint zeros and directions -------------------------------------------------------------------------------------------
+
+_BAD: Final = 0.01
+"""Residual, as a fraction of the arm's length, above which a joint direction may be wrong after fitting zeros."""
+_DEVIATIONS: Final = 10.0
+"""Minimum of this residual, in standard deviations of the instrument."""
+_BETTER: Final = 3.0
+"""Factor by which a reversed direction must reduce the residual."""
+_CLEARLY: Final = 1.5
+"""The factor for joints whose direction has little effect, after the others are reversed."""
+_MOST_TRIED: Final = 64
+"""Maximum number of combinations of reversed joints."""
+_EVALUATIONS: Final = 15
+"""Evaluations of a fit of zeros; the correct combination needs fewer."""
+_HOLD: Final = 1e-4
+"""Weight of a zero, m/rad, which keeps zeros at nominal if no reading depends on them."""
+_ALIGNED: Final = 4
+"""Alignments of points with readings; outliers weigh less in each."""
+_OUTSIDE: Final = 5.0
+"""Residual, in medians of all, of a reading that does not count."""
+
+
+class Zeros(NamedTuple):
+    """Offsets of the joint zeros from nominal ``(n,)``, rad or m, and the root mean square (m) of the residual."""
+
+    values: Array
+    rms: float
+
+    def describe(self, chain: Chain) -> str:
+        """Return a description of the zeros, largest first."""
+        order = np.argsort(-np.abs(self.values), kind="stable")[:3]
+        scales = [(1e3, " mm") if slides else (180 / np.pi, "°") for slides in chain.prismatic]
+        return ", ".join(f"{chain.joint_names[k]} {scales[k][0] * self.values[k]:+.3g}{scales[k][1]}" for k in order)
+
+
+def fit_zeros(chain: Chain, q: Array, readings: Array, measurement: Measurement, evaluations: int = 40) -> Zeros:
+    """Return the best zeros, fitted with unknown base, target or anchor to readings ``(P, 3)`` or ``(P, 1)``.
+
+    Outliers have little weight. ``evaluations`` is their maximum number.
+    """
+    count = len(chain.joints)
+    is_free, is_distance = measurement.base == "free", measurement.kind == "distance"
+    is_estimated = [True] * count + [not measurement.target_known] * 3 + [True] * (3 if is_distance and is_free else 0)
+
+    def residuals(y: Array) -> Array:
+        x = np.zeros(len(is_estimated))
+        x[is_estimated] = y
+        pose = chain.at_columns(q + x[:count, None]).pose
+        target = np.array(measurement.target) + x[count : count + 3]
+        points = (pose[:3, 3] + np.einsum("ijp,j->ip", pose[:3, :3], target)).T
+        if is_distance:
+            anchor = np.array(measurement.anchor) + (x[count + 3 :] if is_free else 0.0)
+            offsets = np.linalg.norm(points - anchor, axis=1) - readings[:, 0]
+        else:
+            offsets = (_align(points, readings) if is_free else points) - readings
+        return np.concatenate([offsets.ravel(), _HOLD * y[: count + (0 if measurement.target_known else 3)]])
+
+    solution = scipy.optimize.least_squares(
+        residuals, np.zeros(sum(is_estimated)), max_nfev=evaluations, loss="soft_l1", f_scale=_BAD * _length(chain)
+    )
+    sizes = np.linalg.norm(solution.fun[: readings.size].reshape(readings.shape), axis=1)
+    return Zeros(solution.x[:count], float(np.sqrt((sizes[sizes <= _OUTSIDE * np.median(sizes)] ** 2).mean())))
+
+
+def _length(chain: Chain) -> float:
+    return float(np.linalg.norm(chain.placements[:, :3, 3], axis=1).sum())
+
+
+def _align(points: Array, readings: Array) -> Array:
+    weights = np.ones(len(points))
+    for _ in range(_ALIGNED):
+        centre, target_centre = (np.average(cloud, axis=0, weights=weights) for cloud in (points, readings))
+        rotation = se3.nearest_rotation((weights[:, None] * (readings - target_centre)).T @ (points - centre))
+        aligned = (points - centre) @ rotation.T + target_centre
+        sizes = np.linalg.norm(aligned - readings, axis=1)
+        weights = 1 / (sizes + np.median(sizes) + 1e-12)
+    return np.asarray(aligned)
+
+
+def check_directions(chain: Chain, data: CalibrationData, measurement: Measurement) -> Zeros | None:
+    """Raise if readings fit far better with reversed or coupled joints; return the best zeros."""
+    # not for contact readings, which depend on the assumed arm
+    if measurement.kind in CONTACT:
+        return None
+    rows = np.flatnonzero(data.part == data.measurements.index(measurement))
+    q, readings = data.q[:, rows], data.readings[rows, : min(measurement.size, 3)]
+    plain = fit_zeros(chain, q, readings, measurement)
+    suspicious_rms = max(_DEVIATIONS * measurement.std, _BAD * _length(chain))
+    if not suspicious_rms < plain.rms < _length(chain):  # beyond the arm's length, joint values are not the cause
+        return plain
+
+    def rms_of(mixing: Array) -> float:
+        return fit_zeros(chain, mixing @ q, readings, measurement, _EVALUATIONS).rms
+
+    for alternatives in _mixings(chain):
+        sizes = [rms_of(mixing) for mixing in alternatives]
+        mixing, rms = alternatives[int(np.argmin(sizes))], min(sizes)
+        if rms < min(plain.rms / _BETTER, suspicious_rms):
+            mixing, rms = _refine_mixing(rms_of, mixing, rms)
+            residuals = f"(residuals {1e3 * rms:.3g} mm rms instead of {1e3 * plain.rms:.3g} mm, all zeros free)"
+            if sums := written_sums(mixing, chain.joint_names):
+                message = (
+                    f"readings fit far better where one joint is shown with another {residuals}; if the control does so, "
+                    f"write measurement: {{coupled: {{{sums}}}}} in the sheet"
+                )
+                raise InputError.of("E_COUPLED", message, data.file or None)
+            names = " and ".join(compress(chain.joint_names, np.diag(mixing) < 0))
+            message = (
+                f"{names}: readings fit far better with the direction reversed {residuals}; change the sign of the column, or "
+                "turn the axis and its limits around in the URDF; or two position columns are swapped"
+            )
+            raise InputError.of("E_REVERSED", message, data.file or None)
+    return plain
+
+
+def _refine_mixing(rms_of: Callable[[Array], float], mixing: Array, rms: float) -> tuple[Array, float]:
+    """Return a mixing after reversing less important joints one by one while the fit improves clearly."""
+    while True:
+        candidates = [np.where(np.arange(len(mixing)) == k, -1.0, 1.0)[:, None] * mixing for k in range(len(mixing))]
+        sizes = [rms_of(candidate) for candidate in candidates]
+        best_index = int(np.argmin(sizes))
+        if sizes[best_index] > rms / _CLEARLY:
+            return mixing, rms
+        mixing, rms = candidates[best_index], sizes[best_index]
+
+
+def _mixings(chain: Chain) -> Iterator[list[Array]]:
+    """Yield mixings ``(n, n)`` of joint values to choose from: one joint reversed, or with another; then more reversed."""
+    slides, unit = chain.prismatic, np.eye(count := len(chain.joints))
+    flips = (row for number in range(1, count + 1) for row in combinations(range(count), number))
+    reversals = [np.diag(np.where(np.isin(np.arange(count), row), -1.0, 1.0)) for row in islice(flips, _MOST_TRIED)]
+    pairs = [pair for pair in permutations(range(count), 2) if slides[pair[0]] == slides[pair[1]]]
+    couplings = [(a, unit + sign * np.outer(unit[a], unit[b])) for a, b in pairs for sign in (1.0, -1.0)]
+    yield [*reversals[:count], *(mixing for _, mixing in couplings)]
+    yield from ([mixing] for mixing in reversals[count:])
+    if couplings:
+        yield [reversals[joint] @ mixing for joint, mixing in couplings]
