@@ -27,6 +27,8 @@ WAVES: Final = "1 mrad"
 """Amplitude of the free waves of once and twice in a turn of each joint."""
 PLAY: Final = "{uniform: 5 mrad, mean: 5 mrad}"
 """What a joint lags behind its last motion, twice: by friction or play."""
+VARIANTS: Final = {"geometry": "geometry", "complete": "geometry and drives"}
+"""The fits in words."""
 BAND: Final = "10 kN*m"
 """Friction, larger than any load, so that the approach decides the side."""
 
@@ -220,7 +222,7 @@ def judge(measured: MeasuredSet) -> Outcome:
     """Return the row of a set."""
     before, band = forecast_and_before(measured)
     distances, within, verdict = {"before": before}, [], ""
-    parts = list(splits(measured))
+    parts, notes = list(splits(measured)), list(measured.notes)
     for name, sheet in variants(measured.sheet).items():
         model, found = load(sheet), []
         for seen, new in parts:
@@ -232,6 +234,12 @@ def judge(measured: MeasuredSet) -> Outcome:
             fit = quiet(calibrated, model, measured.fit, measured.guess)
         gain = fit.improvement
         verdict = "no group can be left out" if gain is None else f"{gain.verdict}, {gain.share.verdict}"
+        for cause in fit.causes[:1]:
+            added = next(entry for entry in fit.gains if entry.kind == cause.kind)
+            notes.append(
+                f"{VARIANTS[name]}: most likely {cause}; fitted too, readings left out would be {1e3 * added.after:.3g} "
+                f"instead of {1e3 * added.before:.3g} mm rms off"
+            )
     judged = f"{len(parts[0][1])} set apart" if measured.judged is not None else f"{FOLDS} groups"
     means = {name: float(values.mean()) for name, values in distances.items()}
     return Outcome(
@@ -245,7 +253,7 @@ def judge(measured: MeasuredSet) -> Outcome:
             verdict,
         ),
         distances=distances,
-        notes=measured.notes,
+        notes=tuple(notes),
     )
 
 
