@@ -13,7 +13,7 @@ from precision_pin.sources.strut import Strut, StrutEnd
 from sources.test_force import LINKS, STIFFNESS, G, planar, soft
 from support.checks.common import one_link
 from support.engines import check_engines, written
-from support.plain_robot import chain_of, random_arm
+from support.plain_robot import PlainRobot, chain_of, derivative, random_arm
 
 A, B = (-0.1, 0.0, -0.2), (0.1, 0.0, -0.05)
 Q = np.radians([30.0, -50.0])
@@ -70,6 +70,31 @@ def test_a_spring_of_no_free_length_balances_a_weight_at_every_angle():
     servo = Servo(joint="hinge", stiffness=1e3, gravity_compensation=1.0)
     turn = pp.ErrorModel(heavy, pp.Space(), [spring, servo]).at([0.2]).error_at_means[4]
     assert_allclose(turn, -1e-3 * rate * height * reach * np.cos(0.2), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("links", "prismatic"), [(("base", "tool"), (4,)), (("link2", "link6"), ()), (("link5", "bracket"), (3, 6))]
+)
+def test_on_any_arm_a_spring_of_no_free_length_has_the_energy_of_the_square(links, prismatic):
+    text, points, rate = random_arm(9, prismatic=prismatic), ((0.3, -0.1, 0.2), (-0.05, 0.2, 0.1)), 800.0
+    arm, reading = chain_of(text, tip="tool", gravity=(0.0, 0.0, 0.0)), PlainRobot.parse(text)
+    q = dict(zip(arm.joint_names, (0.3, -0.7, 1.1, 0.4, -1.3, 0.8, 0.5), strict=True))
+
+    def energy(values):
+        poses = reading.poses(values)
+        ends = [poses[name][:3, :3] @ point + poses[name][:3, 3] for name, point in zip(links, points, strict=True)]
+        return rate * ((ends[1] - ends[0]) ** 2).sum() / 2
+
+    spring = strut(*zip(links, points, strict=True), rate=rate, free_length=0.0)
+    soft_joints = [JointCompliance(joint=name, compliance=1e-6) for name in q]
+    at = pp.ErrorModel(arm, pp.Space(), [spring, *soft_joints]).at(list(q.values()))
+    turns = np.zeros(7)
+    for term in at.terms:
+        turns[term.target.joint] += term.twist[0]
+    # of a turn the energy is a + b cos q + c sin q, of a slide a parabola: these differences are exact
+    torques = [-derivative(reading, name, energy, q) for name in q]
+    assert np.abs(torques).max() > 10.0
+    assert_allclose(turns, 1e-6 * np.array(torques), rtol=0, atol=1e-15)
 
 
 PUSH = {"push": 300.0, "rate": 2000.0, "at_length": 0.6}

@@ -10,6 +10,7 @@ from precision_pin.draws.laws import Normal, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.sources.force import Force
+from precision_pin.sources.levelling import Levelling
 from precision_pin.sources.payload import Payload
 from precision_pin.terms.term import JointValue
 from support.checks.common import MM, Q7, RandomArm, evaluated, one_link, same, slanted_arm
@@ -160,6 +161,10 @@ def check_servo(module: ModuleType) -> None:
     same(totals[JointValue(0)], [(expected + share * 9.81) / 48.0], 1e-13)
     _, totals = evaluated(chain, [0.0], [replace(helped, integral=True)])
     assert not totals
+    # an upright hinge feels only that the base leans, of which the controller knows nothing: -m g r 0.4
+    upright, leaning = one_link(mass=2.0, com=(0.4, 0, 0)), Levelling(rx=1e-3)
+    _, totals = evaluated(upright, [0.0], [module.Servo(joint="hinge", stiffness=k, gravity_compensation=1.0), leaning])
+    same(totals[JointValue(0)], [-load * 1e-3 / k], 1e-15)
 
 
 def check_transmission(module: ModuleType) -> None:
