@@ -7,7 +7,7 @@ from scipy import integrate, stats
 
 import precision_pin as pp
 from precision_pin.model.compliance import compliances_of
-from precision_pin.sources import Force, Payload, Servo, Transmission
+from precision_pin.sources import Backlash, Force, Payload, Servo, Transmission
 from sources.test_force import planar
 from support.checks.common import one_link
 
@@ -159,3 +159,26 @@ def test_servo_and_hysteresis_of_a_joint_arrive_alike():
     x = model.space.sample(0, 0, 50)
     half = (0.002093951567019428 - 0.0005030633583537064) / 2
     assert_allclose(model.at([0.0]).exact(x)[4], (0.002093951567019428 + 0.0005030633583537064) / 2 - half * x[0])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [Servo(joint="hinge", stiffness=20000.0, friction=13.0), Transmission(joint="hinge", hysteresis_loss=1.3e-3)],
+)
+def test_play_lies_on_the_flank_to_which_servo_or_hysteresis_of_the_joint_arrived(other):
+    # 13/20000 or 1.3e-3/2, and half of the gap besides, all against one motion
+    def model(**settings):
+        gap = Backlash(joint="hinge", backlash=3e-4, band=13.0, **settings)
+        load = Force(at="tool", moment=(0.0, 8.0, 0.0))
+        return pp.ErrorModel(one_link(axis=(0, 1, 0), gravity=(0.0, 0.0, 0.0)), pp.Space(), [other, gap, load])
+
+    start = 8.0 / 20000.0 if isinstance(other, Servo) else 0.0
+    for side in (1, -1):
+        turned_to = model().at([0.0], approach={"hinge": side}).error_at_means[4]
+        assert_allclose(turned_to, start - side * (6.5e-4 + 1.5e-4), rtol=1e-12)
+    x = model().space.sample(0, 0, 50)
+    arrived, lies = (x[model().space.index[name]] for name in ("approach[hinge]", "backlash[hinge].side"))
+    assert_allclose(model().at([0.0]).exact(x)[4], start - (6.5e-4 + 1.5e-4) * arrived, rtol=1e-9, atol=1e-16)
+    # a side that a unit keeps is no matter of a visit's arrival
+    expected = start - 6.5e-4 * arrived + 1.5e-4 * lies
+    assert_allclose(model(scope="unit").at([0.0]).exact(x)[4], expected, rtol=1e-9, atol=1e-16)

@@ -10,6 +10,7 @@ import numpy as np
 
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
+from precision_pin.sources.places import approach_draw, approach_of
 from precision_pin.terms import Factors, InputError, JointValue, LabelledSpace, Posture, Source, Term, at_means, units
 from precision_pin.terms.term import side_of
 
@@ -20,7 +21,8 @@ class Backlash(Source):
 
     ``Δθ = sign(τ) b/2`` with τ the torque of the load on the joint, all parameters at their means, as in eq 23 of Wei,
     Jia and Chen (2015). If ``|τ|`` is below the band, friction holds the joint where it came to rest: ``Δθ = u b/2``
-    with u uniform on -1 to 1. The side follows from the mean load, so it needs no random number and does not change
+    with u uniform on -1 to 1; beside a servo or a gear with hysteresis ``-u b/2`` with their u, the direction in which the
+    joint arrived. The side follows from the mean load, so it needs no random number and does not change
     with the scatter of the load. The deviation does not grow with the load and is no deflection; equilibrium statics
     takes the side from the deflected arm. There the band must exceed the change of the torque across the gap, since an
     arm that rests between the flanks has no side.
@@ -84,5 +86,8 @@ class Backlash(Source):
         torque = float(at_means(posture.torque_on(joint), space.space))
         if abs(torque) >= self.band:
             yield Term.of(JointValue(joint), np.sign(torque) / 2, gap)
+        elif self.scope == "visit" and approach_draw(self.joint).name in space.space.index:
+            # a servo or gear of the joint has the direction in which it arrived, one for all of them
+            yield Term.of(JointValue(joint), -0.5, gap, approach_of(posture, self.joint, space))
         else:
             yield Term.of(JointValue(joint), 0.5, gap, space.component("side"))
