@@ -12,6 +12,7 @@ from precision_pin.analyses.stiffness.figure import ComplianceLayer, figure, map
 from precision_pin.analyses.stiffness.table import table
 from precision_pin.model.compliance import Elasticity
 from precision_pin.sources import Beam, BearingStiffness, Force, JointCompliance, Payload, Servo, Transmission
+from precision_pin.sources.strut import Strut, StrutEnd
 from sources.test_force import planar
 from sources.test_gears import K, T
 from support.checks.common import one_link
@@ -123,6 +124,15 @@ def test_a_small_force_moves_the_arm_by_the_compliance(statics):
         Servo(joint=names[4], stiffness=4000.0, friction=3.0, load_friction=0.2),
         Beam(link="upper_arm_link", EI=8e3, GI=5e3, EA=4e7),
         Payload(at="tool0", mass=8.0, com=(0.0, 0.0, 0.1)),
+        Force(at="tool0", force=(200.0, -150.0, 300.0), moment=(10.0, -20.0, 15.0), axes="tool"),
+        Force(at="forearm_link", force=(-100.0, 150.0, 80.0), moment=(20.0, 30.0, -10.0)),
+        Strut(
+            from_=StrutEnd(link="base", point=(0.1, -0.1, 0.3)),
+            to=StrutEnd(link="forearm_link", point=(0.05, 0.0, 0.1)),
+            push=900.0,
+            rate=4000.0,
+            at_length=0.5,
+        ),
     ]
     q = np.radians([30, -60, 80, -100, -80, 20])
     pose = pp.stiffness(pp.ErrorModel(chain, pp.Space(), sources, statics=statics), q, robots=10).poses[0]

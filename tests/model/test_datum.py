@@ -292,5 +292,12 @@ def test_an_arm_of_few_joints_keeps_its_attitude_when_compensated() -> None:
     assert np.abs(at.error_at_means[:3]).max() < 1e-15
     np.testing.assert_array_equal(at.error_at_means[3:], bare.error_at_means[3:])
     assert np.linalg.norm(bare.error_at_means[:3]) > 8e-3
+    # what is stated counts, not the number of joints
+    told = ErrorModel.load(PAPER_SHEET).against(Datum.compensated(turns=True)).at("paper")
+    assert np.abs(told.error_at_means).max() < 1e-15
+    six = ErrorModel.load("example:ur5")
+    kept = six.against(Datum.compensated(turns=False)).at("ready").error_at_means
+    assert np.abs(kept[:3]).max() < 1e-15
+    np.testing.assert_array_equal(kept[3:], six.at("ready").error_at_means[3:])
     with pytest.raises(InputError, match="other than none and compensated"):
         Datum.taught("paper", name="compensated")

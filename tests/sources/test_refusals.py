@@ -108,6 +108,7 @@ SETTINGS = [
     ("mounting", {"at": "base", "flange": "link7", "x": 1e-3}, "flange: of mounting is used only with at: tool"),
     ("run_out", HINGE, "run_out needs one of radial:, axial: and tilt:"),
     ("run_out", HINGE | {"radial": 1e-5}, "radial and tilt run-out of order 1 in phase with the joint is geometry"),
+    ("run_out", HINGE | {"tilt": 1e-5, "axial": 1e-5}, "radial and tilt run-out of order 1 in phase with the joint is geometry"),
     ("run_out", HINGE | {"axial": 1e-5, "order": 1.5}, "order of run_out must be 1, 2, 3, …, got 1.5"),
     ("run_out", HINGE | {"axial": 1e-5, "phases": "two"}, "phases of run_out must be one or independent, got 'two'"),
     ("servo", HINGE, "servo needs stiffness:, or servo: with the name of a published one"),

@@ -10,7 +10,15 @@ import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, offsets, random_poses
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import UnitNumbers
-from precision_pin.analyses.calibration.drift import MOST_KNOTS, FixedReadings, ShownDrift, remainder, steps_of
+from precision_pin.analyses.calibration.drift import (
+    MOST_KNOTS,
+    FixedReadings,
+    Session,
+    ShownDrift,
+    drift_ahead,
+    remainder,
+    steps_of,
+)
 from precision_pin.analyses.calibration.fit import Problem
 from precision_pin.analyses.readings import stations_of
 from precision_pin.sheet.drift import Drift
@@ -83,9 +91,29 @@ def test_what_remains_of_a_walk_is_that_of_dense_covariances():
             found = left.factors[:, axis] @ left.factors[:, axis].T + np.diag(left.own)
             np.testing.assert_allclose(found, covariance, rtol=0, atol=tolerance * covariance.max())
         np.testing.assert_allclose(left.mean, weights @ points, atol=tolerance * np.abs(weights @ points).max())
+    # what the walk does between knots is an error of each target's reading: never less is left than by the whole covariance
+    quiet = fixed._replace(covariances=fixed.covariances * 1e-2)
+    covariance = dense_remainder(times[~is_fixed], times[is_fixed], targets, STD / 10)[1]
+    assert (remainder(RATE, times[~is_fixed], quiet).std ** 2 > 0.999 * np.diag(covariance)[:, None]).all()
+    free = Session.of(times[~is_fixed], fixed, Drift(40e-6, 3600.0), is_free=True).left
+    np.testing.assert_allclose(free.mean, left.mean - left.mean.mean(axis=0), atol=1e-15)
+    np.testing.assert_allclose(free.factors, left.factors - left.factors.mean(axis=0), atol=1e-15)
     (steps,) = steps_of(RATE, np.full(4, 7.0))  # one time: nothing moves
     assert steps.factors.shape == (4, 0)
     assert not remainder(0.0, times, fixed).factors.size
+
+
+def test_what_will_remain_is_that_of_targets_read_with_the_noise_of_the_instrument():
+    drift = Drift.of({**DRIFT, "pace": "3 min", "fixed": 2, "fixed_every": "21 min"})
+    expected = dense_remainder(*drift.schedule(20))[1]
+    about_mean = np.eye(20) - 1 / 20
+    for is_free, covariance in ((False, expected), (True, about_mean @ expected @ about_mean)):
+        left = drift_ahead(drift, 20, STD, is_free=is_free)
+        assert not left.mean.any()
+        assert not left.own.any()
+        for axis in range(3):
+            found = left.factors[:, axis] @ left.factors[:, axis].T
+            np.testing.assert_allclose(found, covariance, rtol=0, atol=1e-12 * expected.max())
 
 
 def test_the_interval_of_one_target_read_twice_is_that_of_chi_square():

@@ -205,6 +205,9 @@ def _check_each_robot(module: ModuleType) -> None:
 RADIAL, AXIAL, TILT, ROLL = 3e6, 5e6, 2e4, 7e3
 
 
+WAVES = (("x", np.cos), ("y", np.sin))
+
+
 def check_run_out(module: ModuleType) -> None:
     chain, a, b, t, height = bearing(), 8e-6, 3e-6, 1e-5, 0.06
     source = module.RunOut(joint="hinge", radial=a, axial=b, tilt=Uniform(1e-6, mean=t), order=2, at_height=height)
@@ -231,6 +234,14 @@ def check_run_out(module: ModuleType) -> None:
     apart = ErrorModel(chain, Space(), [module.RunOut(joint="hinge", radial=a, order=1, phases="independent")])
     slopes = apart.at([0.7]).table.displacement_slopes(apart.space.mean)[0].slopes[:2]
     same(slopes @ apart.space.covariance @ slopes.T, np.eye(2) * a**2 / 2, 1e-20)
+    phases = {"radial_phase": 0.4, "radial_phase[1]": -1.9, "axial_phase": 1.1}
+    values = {f"run_out[hinge].{name}.{part}": wave(phase) for name, phase in phases.items() for part, wave in WAVES}
+    source = module.RunOut(joint="hinge", radial=a, axial=b, phases="independent")
+    _, totals = evaluated(chain, [0.7], [source], values)
+    same(totals[chain.seat(0)][:3], [a * np.cos(1.1), a * np.sin(-1.2), b * np.cos(1.8)], 1e-19)
+    # along the axis order 1 is no geometry
+    _, totals = evaluated(chain, [0.7], [module.RunOut(joint="hinge", axial=b)], dict([*values.items()][4:]))
+    same(totals[chain.seat(0)][:3], [0, 0, b * np.cos(1.8)], 1e-19)
 
 
 ERRORS = ("EXX", "EYX", "EZX", "EAX", "EBX", "ECX")
@@ -279,16 +290,18 @@ def two_slides(axis=(1.0, 0.0, 0.0)) -> tuple[Chain, Callable[..., np.ndarray]]:
 
 
 def check_guide(module: ModuleType) -> None:
-    # X, Y, Z are the frame's for a joint along x, and the next ones in turn for others
-    turns = {(1, 0, 0): (0, 1, 2), (0, 1, 0): (1, 2, 0), (0, 0, 1): (2, 0, 1)}
+    # X, Y, Z are the frame's for a joint along x, and the next ones in turn for others; a slanted joint turns those of the
+    # nearest about what is normal to both
+    turns = {axis: np.roll(np.eye(3), -k, axis=1) for k, axis in enumerate(((1, 0, 0), (0, 1, 0), (0, 0, 1)))}
+    turns[0.8, 0.6, 0.0] = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]]).T
+    turns[0.0, -0.6, 0.8] = np.array([[0, -0.6, 0.8], [1, 0, 0], [0, 0.8, 0.6]]).T
     with tempfile.TemporaryDirectory() as name:
         file = Path(name) / "rail.csv"
         file.write_text(RAIL, encoding="utf-8")
-        for axis, order in turns.items():
+        for axis, axes in turns.items():
             chain, pose = two_slides(axis)
-            errors = np.zeros(6)
             for travel in (-0.1, 0.0, 0.1, 0.3, 0.5):
-                errors[[*order, *(3 + k for k in order)]] = measured_rail(travel)
+                errors = np.concatenate([axes @ part for part in np.split(measured_rail(travel), 2)])
                 at = ErrorModel(chain, Space(), [module.Guide(joint="x", file=file)]).at([travel, 0.2])
                 same(at.error_at_means, pose_error(pose(travel, 0.2, (errors, np.zeros(6))), pose(travel, 0.2)), 1e-12)
     # harmonics on both slides, the second along its frame's y; the first over its limits, 1 m
