@@ -95,6 +95,26 @@ def test_planar_arms_dead_and_following(count, q, dead, follower, nominal, equil
     assert_allclose(at_rest(count, q, forces, "equilibrium"), solved, rtol=0, atol=1e-10)
 
 
+def test_random_forces_move_the_arm_at_rest():
+    """The derivatives hold that a dead force keeps its direction, and a following one turns, as the arm gives way."""
+    count, q, *forces = PLANAR[0][:4]
+    forces = np.array(forces, dtype=float)
+
+    def law(number):
+        return pp.Normal(0.1, mean=float(number))
+
+    sources = [
+        Force(at="tool", force=(law(x), 0.0, law(z)), moment=(0.0, law(-moment), 0.0), axes=axes)
+        for (x, z, moment), axes in zip(forces, ("base", "tool"), strict=True)
+    ]
+    at = pp.ErrorModel(planar(count), pp.Space(), [*soft(count), *sources], statics="equilibrium").at(np.radians(q))
+    for column in range(6):
+        step = 1e-2 * np.eye(6)[column].reshape(2, 3)
+        ends = [energy_gradient_rest(count, q, *(forces + sign * step)) for sign in (1, -1)]
+        slope = (ends[0] - ends[1]) / 2e-2 * (-1.0 if column in (2, 5) else 1.0)
+        assert_allclose(at.jacobian[:, column], slope, rtol=0, atol=1e-6 * np.abs(slope).max())
+
+
 def test_two_spatial_forces_on_joints_and_bearings():
     sources = [*soft(2), BearingStiffness(joint="j1", radial=2e7, axial=3e7, tilt=4e4)]
     sources += [BearingStiffness(joint="j2", radial=1e7, axial=1.5e7, tilt=2e4)]
