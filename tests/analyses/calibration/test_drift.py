@@ -116,6 +116,19 @@ def test_what_will_remain_is_that_of_targets_read_with_the_noise_of_the_instrume
             np.testing.assert_allclose(found, covariance, rtol=0, atol=1e-12 * expected.max())
 
 
+def test_fixed_targets_have_the_std_of_their_rows(tmp_path):
+    rows = session(3)[0]
+    stds = ["70" if row[8] else "20" for row in rows]
+    path = written(tmp_path / "r.csv", [[*row, std] for row, std in zip(rows, stds, strict=True)], [*HEADS, "std [um]"])
+    (taken,) = read_data(model(), path, (DRIFTING,)).sessions
+    of_arm, of_fixed = (
+        np.array([float(row[7]) for row in rows if bool(row[8]) == is_fixed]) for is_fixed in (False, True)
+    )
+    targets = np.array([int(row[8][-1]) for row in rows if row[8]])
+    covariance = dense_remainder(of_arm, of_fixed, targets, 70e-6)[1]
+    np.testing.assert_allclose(taken.left.std**2, np.diag(covariance)[:, None].repeat(3, axis=1), rtol=1e-9)
+
+
 def test_the_interval_of_one_target_read_twice_is_that_of_chi_square():
     """The squares of the three differences are chi-square of three degrees, times 1 + λ θ with λ = Δt/2σ²."""
     places, seconds = np.array([[0, 0, 0], [90e-6, -30e-6, 60e-6]]), np.array([0.0, 1800.0])
