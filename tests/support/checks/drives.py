@@ -145,10 +145,13 @@ def check_servo(module: ModuleType) -> None:
         helped = replace(servo, gravity_compensation=share)
         at = ErrorModel(chain, Space(), [helped]).at([0.0], approach={"hinge": side})
         same(at.error_at_means[4], (load * (1 - share) - side * (friction + mu * load)) / k, 1e-12)
-        # lifted beyond balance by an applied moment, the load pulls the other way; friction follows its size
-        lifted = Force(at="tool", moment=(0.0, -10.0, 0.0))
-        at = ErrorModel(chain, Space(), [helped, lifted]).at([0.0], approach={"hinge": side})
-        same(at.error_at_means[4], (load * (1 - share) - 10 - side * (friction + mu * (10 - load))) / k, 1e-12)
+        # lifted by an applied moment, also beyond balance, where the load pulls the other way; friction follows the size of
+        # the whole load, though with 4 N·m what is not compensated pulls the other way already
+        for lift in (4.0, 10.0):
+            lifted = Force(at="tool", moment=(0.0, -lift, 0.0))
+            at = ErrorModel(chain, Space(), [helped, lifted]).at([0.0], approach={"hinge": side})
+            held = load * (1 - share) - lift - side * (friction + mu * abs(load - lift))
+            same(at.error_at_means[4], held / k, 1e-12)
     # where the direction is unknown one number stands for it, and a random payload is compensated at its mean
     payload = Payload(at="tool", mass=Uniform(0.2, mean=1.0))
     values = {"approach[hinge]": 0.25, "payload[tool].mass": 1.1, "servo[hinge].stiffness": 48.0}
