@@ -4,6 +4,7 @@ import os
 import re
 import shlex
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -14,7 +15,7 @@ from precision_pin.analyses.registry import declarations
 from precision_pin.cli import export
 from precision_pin.cli.inputs import check_folder_name, check_page_name
 from precision_pin.cli.program import list_commands
-from precision_pin.robot.examples import example_urdfs
+from precision_pin.robot.examples import example_urdfs, resolve_robot
 
 FEW = ("--samples", "200")
 NEEDED = {
@@ -118,12 +119,13 @@ def test_the_proposed_command_works(run, refused):
 
 @pytest.mark.slow
 def test_the_joint_of_a_gripper_is_named_and_left_out_by_the_proposed_command(run, folder):
-    warned = run("init", "example:so100").err
+    (folder / "arm.urdf").write_text(Path(resolve_robot("example:so100")).read_text())
+    warned = run("init", "arm.urdf").err
     assert "W_GRIPPER: the only leaf, 'jaw', is a finger: the joint 'gripper' opens a gripper" in warned
-    assert "# The joint gripper opens a gripper: the tip is a finger." in (folder / "so100.errors.yaml").read_text()
-    command = re.search(r"precision-pin (init example:so100 --tip gripper)", warned)[1]
+    assert "# The joint gripper opens a gripper: the tip is a finger." in (folder / "arm.errors.yaml").read_text()
+    command = re.search(r"precision-pin (init arm.urdf --tip gripper)", warned)[1]
     assert "W_GRIPPER" not in run(*shlex.split(command), "--force").err
-    sheet = (folder / "so100.errors.yaml").read_text()
+    sheet = (folder / "arm.errors.yaml").read_text()
     assert "opens a gripper" not in sheet
     assert re.search(r"locked:\n  gripper: ", sheet)
 

@@ -271,6 +271,8 @@ def test_the_example_of_a_form_is_read_with_each_option() -> None:
 NAMED = {
     # what a name that could not be read stands for, rare loops, what is left uncertain, geometric errors of one size
     *("sheet/reader.py", "kernel/arrays.py", "draws/space.py", "model/error_model.py", "model/datum.py"),
+    # forces and joint steps that are varied, not drawn
+    "model/compliance.py",
     # the physics of a source says what its own draws follow
     *(
         f"sources/{name}.py"

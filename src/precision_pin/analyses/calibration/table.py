@@ -224,7 +224,7 @@ def headline(result: CalibrationResult) -> list[str]:
         f"{_capital(VERDICTS[result.verdict])}: {chi_square_text(result)}.",
         f"{_capital(residuals_text(result))}.",
         *(f"{_capital(line)}." for line in share_lines(result)),
-        *(f"{_capital(line).replace('->', '→')}." for line in gain_lines(result)),
+        *(f"{_capital(line).replace('->', '→')}." for line in _said_gains(result)),
         f"Position error of the tip at {_where(result)}: rms {_sizes(result)}.",
         *(f"{_capital(str(session))}." for session in result.data.sessions),
         *(f"{_capital(line)}." for line in frame_lines(result)),
@@ -313,10 +313,15 @@ def gain_lines(result: CalibrationResult) -> list[str]:
     by_cause = [entry for entry in result.gains if entry.kind != JOINTS_READ][:_CAUSES]
     lines = []
     if by_cause:
-        named = by_cause if result.causes else by_cause[:1]
-        parts = [f"{milli(entry.after, 3)} mm by {entry.label}{interval_text(entry)}" for entry in named]
+        # the largest of many that chance brings has no interval
+        named, intervals = (by_cause, map(interval_text, by_cause)) if result.causes else (by_cause[:1], [""])
+        parts = [
+            f"{milli(entry.after, 3)} mm by {entry.label}{text}" for entry, text in zip(named, intervals, strict=True)
+        ]
         lead = (
-            "if a cause were fitted too" if result.causes else "no cause shows; the most that fitting one would bring"
+            "if a cause were fitted too"
+            if result.causes
+            else "no cause shows; the most that one would bring, by chance"
         )
         lines.append(f"{lead}: left-out error {milli(by_cause[0].before, 3)} -> {'; '.join(parts)}")
     for entry in result.gains:
@@ -327,6 +332,11 @@ def gain_lines(result: CalibrationResult) -> list[str]:
                 f"joint values: left-out error {given} as given, {read} as read{interval_text(entry)}; better: {which}"
             )
     return lines
+
+
+def _said_gains(result: CalibrationResult) -> list[str]:
+    """Return the lines on gains for a first page: none where no cause shows."""
+    return gain_lines(result) if result.causes or result.data.q_read.size else []
 
 
 def interval_text(entry: CauseGain) -> str:
