@@ -451,12 +451,15 @@ def _correlation_schema() -> dict[str, Any]:
     }
 
 
+_KEYS: Final = 3
+"""Keys that a message lists of what has keys."""
 # texts of pydantic's types of errors in the words of a sheet
 _SHAPES: Final = {
     "dict_type": "expected keys with values, {key: value}",
     "list_type": "expected a list, one entry after each '-'",
     "tuple_type": "expected a list, one entry after each '-'",
-    "model_type": "expected keys with values, {key: value}",
+    **dict.fromkeys(("bool_parsing", "bool_type"), "expected true or false"),
+    **dict.fromkeys(("int_parsing", "int_type"), "expected a whole number"),
     "string_type": "expected one value, a text without brackets, as in: 5 mm, or 0 0 5 mm for a point",
 }
 _HINTS: Final = {
@@ -532,6 +535,10 @@ class Findings:
             else:
                 text = entry["msg"].removeprefix("Value error, ")
                 message = POSE_VALUES if is_pose else _SHAPES.get(entry["type"], text)
+                if entry["type"] == "model_type":
+                    keys = [f"{name}: …" for name in _keys(model, entry["loc"])]
+                    keys = keys if len(keys) <= _KEYS else [*keys[:_KEYS], "…"]
+                    message = f"expected keys with values, {{{', '.join(keys)}}}"
                 reason = entry.get("ctx", {}).get("error")
                 below = reason.below if isinstance(reason, SettingReason) else ()
                 hint = _HINTS.get(str(entry["input"]).strip().lower(), "") if entry["type"] == "literal_error" else ""

@@ -69,8 +69,8 @@ class Guide(Source):
             [mm], EYX [um], EBX [urad]``.
 
     Raises:
-        InputError: No error; orders that are none, or do not fit; angles of a short carriage; an unusable table, or one that
-            does not reach the travel of a pose; a joint that turns, or has no limits.
+        InputError: No error, or a negative one; orders that are none, or do not fit; angles of a short carriage, or no
+            straightness; an unusable table, or one that does not reach the travel of a pose; a joint that turns, or has no limits.
 
     Examples:
         >>> rail = '<joint name="rail" type="prismatic"><parent link="base"/><child link="table"/><axis xyz="1 0 0"/>'
@@ -112,12 +112,16 @@ class Guide(Source):
         for name, values in self._tolerances.items():
             if len(values) != len(self.order):
                 raise InputError(f"guide needs one {name}: for each order:, got {len(values)} and {len(self.order)}")
+            if any(isinstance(value, float) and value < 0 for value in values):
+                raise InputError(f"{name}: of guide, from peak to valley, must not be negative")
         if self.length is not None and not self.length > 0:
             raise InputError(f"the length of guide must be positive, got {self.setting_text('length')}")
         if self.short_carriage and (self.EBX or self.ECX):
             raise InputError(
                 "EBX: and ECX: of guide with short_carriage: are the slopes of EZX: and EYX:; give one of the two"
             )
+        if self.short_carriage and not (self.EYX or self.EZX):
+            raise InputError("short_carriage: of guide takes the slopes of EYX: and EZX:, and neither is given")
         _ = self._table  # read the file now, so that an error in it is raised here
 
     @property
@@ -193,9 +197,18 @@ class Guide(Source):
             if name not in (_TRAVEL, *_LETTERS):
                 raise InputError(f"{table.file}: unknown column {name!r}: {nearest(name, (_TRAVEL, *_LETTERS))}")
         travel = np.array(table.column(_TRAVEL, units.LENGTH))
-        order = np.argsort(travel)
-        if len(travel) < 2 or (np.diff(travel[order]) <= 0).any():
+        if table.names == (_TRAVEL,):
+            raise InputError(f"{table.file} has no column of errors; allowed: {', '.join(_LETTERS)}, each with its unit")
+        if len(travel) < 2:
             raise InputError(f"{table.file}: two or more rows are needed, each at another {_TRAVEL}")
+        steps = np.diff(travel) * np.sign(travel[-1] - travel[0])
+        if (steps <= 0).any():
+            row = int(np.argmin(steps > 0)) + 1
+            raise InputError(
+                f"{table.file}, line {table.lines[row]}: the {_TRAVEL} is {1e3 * travel[row]:.6g} mm after "
+                f"{1e3 * travel[row - 1]:.6g} mm; the rows must go along the {_TRAVEL}, all one way, each place once"
+            )
+        order = np.argsort(travel)
         zero = np.zeros(len(travel))
         rows = [np.array(table.column(name, _LETTERS[name])) if name in table.names else zero for name in _LETTERS]
         return travel[order], np.array(rows)[:, order]

@@ -63,8 +63,8 @@ class Strut(Source):
     deflected arm. Without friction, damping and mass.
 
     Attributes:
-        from_: A, ``{link: …, point: …}``; the sheet's key is ``from``. ``link: base`` is that of the chain.
-        to: B.
+        from_: One end A, ``{link: …, point: …}``; the sheet's key is ``from``. ``link: base`` is that of the chain.
+        to: The other end B, ``{link: …, point: …}``.
         push: P₀, the force with which a gas spring pushes at the length L₀.
         rate: c: by how much less a gas spring pushes, or more a helical one pulls, for each length that it extends.
         at_length: L₀, needed with the rate of a gas spring.

@@ -106,6 +106,8 @@ class Transmission(Source):
 
     def __post_init__(self) -> None:
         take_published(self, "gear", "stiffness", "limit_torques")
+        if self.gear is not None and self.limit_torques and self.stiffness is None:
+            raise InputError("limit_torques: of transmission beside gear: need the stiffness: of their pieces too")
         if not self.amplitude and all(
             value is None for value in (self.stiffness, self.lead_error, self.hysteresis_loss)
         ):
