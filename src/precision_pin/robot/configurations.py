@@ -297,7 +297,7 @@ def _read_signs(text: str) -> dict[str, str]:
         name, _, sign = entry.strip().rpartition(" ")
         if not name:
             raise InputError(
-                f"{entry.strip()!r} is no approach; write a joint and + or -, such as 'joint1 +, joint2 -'"
+                f"{entry.strip()!r} is no approach; write a joint and + or -, such as 'joint1 +, joint2 -', or 'previous'"
             )
         name = name.strip()
         if name in signs:

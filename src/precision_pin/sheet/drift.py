@@ -22,7 +22,7 @@ from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
 from precision_pin.base.units import LENGTH, TIME, Quantity
 
-_READINGS: Final = re.compile(r"\s*(\d+)\s*readings?\s*")
+_READINGS: Final = re.compile(r"\s*(-?\d+)\s*readings?\s*")
 _EXAMPLE: Final = "{std: 20 um, every: 1 h}"
 
 
@@ -141,7 +141,7 @@ def _time(name: str, value: object) -> tuple[float, bool]:
     """Return a time, s or a number of readings, and whether it is the latter."""
     counted = _READINGS.fullmatch(value) if isinstance(value, str) else None
     time = float(counted[1]) if counted else _above_zero(name, value, TIME, ", such as 1 h or 100 readings")
-    if not time:
+    if not time > 0:
         raise InputError(f"{name} of drift must be above zero, got {shown(value)}")
     return time, counted is not None
 
@@ -153,4 +153,6 @@ def _above_zero(name: str, value: object, quantity: Quantity, example: str = "")
         number = units.parse(value, quantity) if isinstance(value, str) else value
     except InputError as error:
         raise InputError(f"{what}: {error.findings[0].message}") from None
+    if isinstance(value, str) and not number > 0:
+        raise InputError(f"{name} of drift must be above zero, got {shown(value)}")
     return check_quantity(what, number, quantity, "above zero", lambda n: n > 0)

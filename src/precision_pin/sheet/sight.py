@@ -62,7 +62,7 @@ class Sight:
     @classmethod
     def of_distance(cls, text: str) -> Sight | None:
         """Return the deviations of a distance, ``"10 um + 0.3 um/m"``; ``None`` for a text of one number."""
-        return cls(_terms("std of a distance,", text), None) if _PLUS.search(text) else None
+        return cls(_terms("std of a distance", text), None) if _PLUS.search(text) else None
 
     def distance_variance(self, distances: ArrayLike) -> Array:
         """Return the variances of distances ``(P,)``, m²."""
@@ -92,7 +92,7 @@ def _text(terms: tuple[float, float]) -> str:
 def _terms(what: str, value: object) -> tuple[float, float]:
     """Return constant and share of ``"10 um + 0.3 um/m"``, in either order; of a number in m."""
     terms: dict[str, float] = {}
-    texts = _PLUS.split(value) if isinstance(value, str) else [f"{value} m"]
+    texts = map(str.strip, _PLUS.split(value)) if isinstance(value, str) else [f"{value} m"]
     for text in texts:
         try:
             number = units.parse(text, LENGTH, RELATIVE_LENGTH)

@@ -298,8 +298,10 @@ def test_wrong_settings_of_a_drift_are_refused():
         ("every of drift, such as 1 h or 100 readings: '1' has no unit", lambda: drifting(every="1")),
         ("every of drift.* 'kg' in '1 kg' is not a unit of time", lambda: drifting(every="1 kg")),
         ("every of drift must be above zero", lambda: drifting(every="0 readings")),
-        ("every of drift, such as 1 h or 100 readings must be above zero", lambda: drifting(every="-2 h")),
-        ("std of drift must be above zero", lambda: drifting(std="-1 um")),
+        ("every of drift must be above zero, got '-2 h'", lambda: drifting(every="-2 h")),
+        ("every of drift must be above zero, got '-3 readings'", lambda: drifting(every="-3 readings")),
+        ("std of drift must be above zero, got '-1 um'", lambda: drifting(std="-1 um")),
+        ("std of drift must be above zero, in m", lambda: drifting(std=-1e-6)),
         ("drift needs std and every", lambda: pp.Measurement(drift={"std": "20 um"})),
         ("drift needs std and every", lambda: drifting(rate=3)),
         ("pace of drift belongs to every: of a time", lambda: drifting(every="9 readings", pace="1 s")),
@@ -331,6 +333,8 @@ def test_wrong_files_of_fixed_targets_are_refused(tmp_path):
     fixed = [row[4:] for row in rows if row[8]]
     check_refused(
         (r"a\.csv:2: .*the fixed target ball 9 is read once; read it again later", read, "a.csv", change(0, 8, "ball 9")),
+        (r"k\.csv:\d+: .* mm from where line 2 has it; another target, or one", read, "k.csv", change(0, 4, "9999")),
+        ("l.csv: .*no valid readings; every row is of a fixed target", read, "l.csv", [row for row in rows if row[8]]),
         ("needs the time of each reading, a column such as time", read, "b.csv", [r[:7] + r[8:] for r in rows],
          HEADS[:7] + HEADS[8:]),
         ("a fixed target needs the time", read, "b.csv", [r[:7] + r[8:] for r in rows], HEADS[:7] + HEADS[8:], TRACKER),

@@ -191,9 +191,10 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
     options, path = request.options, request.options["sheet_path"]
     overrides = None if request.sheet.contents is None else request.sheet.contents.overrides
     if path is not None and overrides is not None and (overrides.robot or overrides.tip or overrides.base):
-        raise InputError(
-            "--sheet writes the sheet as it is in its file; write the robot, tip and base of the options there first"
-        )
+        hint = "write the robot, tip and base of the options there first"
+        if not (overrides.tip or overrides.base):
+            hint = "give a sheet that names the robot, without the robot; precision-pin init ROBOT --out SHEET writes one"
+        raise InputError(f"--sheet writes the sheet as it is in its file; {hint}")
 
     def write(result: Any) -> list[str]:
         notes = [finding.message for finding in result.data.findings if finding.severity == "note"]

@@ -361,7 +361,8 @@ def _read_file(
     width = max(target.size for target, _ in targets)
     present = [k for k in range(len(targets)) if usable[k].any()]
     if not present:
-        raise _error(path, "no valid readings; check units and missing cells")
+        why = "every row is of a fixed target" if is_fixed.all() else "check units and missing cells"
+        raise _error(path, f"no valid readings; {why}")
     # row by row, so that the targets of a row follow each other
     reading_rows, part = np.nonzero(np.array([usable[k] for k in present]).T)
     readings = np.array([_padded(target_readings[k], width) for k in present])[part, reading_rows]
@@ -399,6 +400,8 @@ def _read_file(
 
 _FIXED: Final = "fixed"
 """Column with the names of targets that stand still."""
+_MOST_MOVED: Final = 10e-3
+"""Distance, m, from its first reading beyond which a fixed target is another one, and not drift."""
 
 
 class _Clock(NamedTuple):
@@ -472,6 +475,15 @@ def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target)
         name = names[counts == 1][0]
         line = table.lines[int(rows[labels[rows] == name][0])]
         raise _error(table.file, f"the fixed target {name} is read once; read it again later, or leave it out", line)
+    first = rows[np.unique(numbers, return_index=True)[1]][numbers]
+    moved = np.linalg.norm(points[rows] - points[first], axis=1)
+    if (moved > _MOST_MOVED).any():
+        k = int(np.argmax(moved > _MOST_MOVED))
+        message = (
+            f"the fixed target {names[numbers[k]]} is {1e3 * moved[k]:.4g} mm from where line {table.lines[first[k]]} has it; "
+            "another target, or one that was moved, needs another name"
+        )
+        raise _error(table.file, message, table.lines[rows[k]])
     stds = _axis_stds(table, columns[:3])
     if "std" in table.names:
         stds = np.repeat(np.array(table.column("std", units.LENGTH))[:, None], 3, axis=1)

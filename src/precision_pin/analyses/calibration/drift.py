@@ -256,10 +256,10 @@ class Session(Record):
 
     def __str__(self) -> str:
         rms, most = np.sqrt((self.left.std**2).mean()), np.linalg.norm(self.left.mean, axis=1).max()
-        parts = [str(self.drift) if self.drift is not None else f"drift {self.told.every_text}: none stated"]
+        parts = [str(self.drift or "no drift stated")]
         if self.shown is not None:
             low, high = (f"{1e6 * bound:.3g}" for bound in self.shown.interval)
-            figure = f"{1e6 * self.shown.std:.3g} µm (95 %: {low} to {high})"
+            figure = f"{1e6 * self.shown.std:.3g} µm in {self.told.every_text} (95 %: {low} to {high})"
             parts.append(f"{figure} by {self.readings} readings of {self.targets} fixed targets")
         if self.drift is not None:
             taken_out = f"up to {1e6 * most:.3g} µm taken out" if self.readings else "no fixed targets"
