@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from precision_pin.analyses.stiffness.figure import ComplianceLayer, figure, map_figure, stiffness_chapter
-from precision_pin.analyses.stiffness.table import table
+from precision_pin.analyses.stiffness.table import answer, table
 from precision_pin.model.compliance import Elasticity
 from precision_pin.sources import Beam, BearingStiffness, Force, JointCompliance, Payload, Servo, Transmission
 from precision_pin.sources.strut import Strut, StrutEnd
@@ -67,6 +67,7 @@ def test_axes_of_the_tool_and_a_direction():
     tool = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
     pose = pp.stiffness(model, "work", robots=10, axes="tool").poses[0]
     assert_allclose([entry.direction for entry in pose.axes], tool, atol=1e-12)
+    assert ") in base axes: " in answer(pose)
     assert_allclose([entry.compliance for entry in pose.axes], np.diag(tool @ by_hand()[:3, :3] @ tool.T), atol=1e-15)
     along = pp.stiffness(model, robots=10, axes=(2, 0, 2), rated="10 N").poses[0]
     u = np.array([1, 0, 1]) / np.sqrt(2)
@@ -296,6 +297,7 @@ def test_what_is_shown():
     )
     assert f"joint_compliance[j1] gives {share:.0f} % of it" in text.split("\n")[0]
     assert "free sideways" in text
+    assert "in base axes" not in text
     assert "interval" in text
     assert "× 1." in text
     data = json.loads(result.to_json())

@@ -526,7 +526,7 @@ def _joint_offsets(chain: Chain) -> Lines:
         )
     if chain.prismatic.any():
         what = "about the travel deviation of a rolled ball screw of grade 7 over 300 mm (ISO 3408-3)"
-        lines += _comment(f"Sliding joints: {SLIDE_OFFSET}, {what}.", "  # ")
+        lines += _comment(f"Sliding joints: {SLIDE_OFFSET}, {what}. A rail that is not straight: guide, below.", "  # ")
     for joint in chain.joints:
         offset = f"{{normal: {SLIDE_OFFSET if joint.kind == 'prismatic' else ANGLE_OFFSET}}}"
         lines.append(f"  - joint_offset: {{joint: {quoted(joint.name)}, offset: {offset}, {_MARK}}}    # assumption")
@@ -550,7 +550,8 @@ def _compliances(chain: Chain, survey: Survey) -> Lines:
         f"Joint flexibility: such that a joint deflects by {WIND_UP * 1e3:g} mrad (prismatic: {GIVE * 1e3:g} mm) under the "
         f"largest load of the URDF's masses in {TRIALS} trial poses, at least {100 * LEAST_SHARE:g} % of the largest load "
         "on any joint of its kind; rounded to 1, 2, 5; known to "
-        f"{100 * COMPLIANCE_SPREAD:g} %. Data sheets of the gears give it."
+        f"{100 * COMPLIANCE_SPREAD:g} %. Data sheets of the gears give it; some are known by name: instead of joint_compliance, "
+        "transmission with gear: NAME, or servo with servo: NAME."
     )
     return _comment(text, "  # ") + _compliance_lines(chain, survey, (WIND_UP, GIVE), COMPLIANCE_SPREAD)
 

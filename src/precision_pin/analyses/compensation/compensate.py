@@ -218,7 +218,7 @@ def compensate(
         raise InputError("weights must not be negative, and one must be positive")
     component_count, joints = np.count_nonzero(effective), len(model.chain.joints)
     if is_exact and joints < component_count:
-        other = "correct the position, or give weights" if mode == "pose" else 'give weights with mode="pose"'
+        other = "correct the position, or give weights" if mode == "pose" else "give weights in mode pose"
         raise InputError(f"{mode} has {component_count} components, which {joints} joints cannot all correct; {other}")
     all_poses = pose_set(model, poses)
     is_known = all_poses.known

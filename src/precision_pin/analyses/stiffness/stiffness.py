@@ -293,6 +293,7 @@ class StiffnessResult(AnalysisResult):
         """Assumptions of the numbers, one sentence each."""
         return (
             "a stiffness along an axis is one over the compliance: force along the axis, free sideways",
+            "a joint, bearing or link without a stiffness in the sheet is rigid",
             "a force acts on the tip's link at the target and keeps its direction; friction counts in the dead band only",
             "a dead band is the displacement that friction may prevent when a force comes after the stop",
             "law: what differs between robots, each visit's draws at their means",

@@ -44,7 +44,7 @@ def table(result: StiffnessResult) -> str:
     parts += ["\n".join(_pose_lines(result, pose)) for pose in poses]
     parts.append(
         "compliance: displacement over force along the axis, free sideways, as a dial gauge sees it; N/µm: one over it;\n"
-        "95 % of robots: the quantile with its interval"
+        "95 % of robots: the quantile with its interval; what has no stiffness in the sheet is rigid"
     )
     return "\n\n".join(parts)
 
@@ -53,10 +53,16 @@ def answer(pose: PoseStiffness) -> str:
     """Return how far the tool gives way, where it is softest and what gives most, as a sentence."""
     length, axis, force = pose.largest
     softest, first = pose.softest, pose.sources[0]
-    where = f"{vector_text(softest.direction)}: {per_kilonewton(softest.compliance)} mm/kN, {_stiffness(softest)} N/µm"
+    where = f"{_along(pose)}: {per_kilonewton(softest.compliance)} mm/kN, {_stiffness(softest)} N/µm"
     by = f"by up to {1e3 * length:.3g} mm"
     moved = f"along an axis move the tool {by} ({axis}); softest along" if axis else f"move the tool {by}, along"
     return f"{force:g} N {moved} {where}; {visible(first.source)} gives {100 * first.share:.0f} % of it"
+
+
+def _along(pose: PoseStiffness) -> str:
+    """Return the softest direction as text, with its axes where those of the forces are others."""
+    is_base = np.array_equal([entry.direction for entry in pose.axes], np.eye(3))
+    return vector_text(pose.softest.direction) + ("" if is_base else " in base axes")
 
 
 def _stiffness(entry: Direction) -> str:
@@ -75,7 +81,7 @@ def _pose_lines(result: StiffnessResult, pose: PoseStiffness) -> list[str]:
             "",
             f"softest and stiffest robot solved one by one: {100 * pose.solved_difference:.2g} % from the law",
         ]
-    lines += ["", f"what gives way along {vector_text(pose.softest.direction)}:", *aligned(_part_rows(result, pose))]
+    lines += ["", f"what gives way along {_along(pose)}:", *aligned(_part_rows(result, pose))]
     lines += remainder(len(pose.sources) - len(pose.sources[: limited(_PARTS)]), "parts")
     if pose.goal is not None:
         low, high = pose.goal.interval
