@@ -77,8 +77,14 @@ def test_harmonics_need_a_length():
         ("EXX [um]\n0\n5\n", r"no column in \S+rail\.csv named 'travel'"),
         ("travel [mm], EXX [urad]\n0, 1\n5, 2\n", "'urad' of the column 'EXX' is not a unit of length"),
         ("travel [mm], EXX [um]\n0, 1\n", "two or more rows are needed, each at another travel"),
-        ("travel [mm], EXX [um]\n5, 1\n0, 1\n5, 2\n", r"rail\.csv, line 3: the travel is 0 mm after 5 mm; the rows must go"),
-        ("travel [mm], EXX [um]\n9, 1\n5, 1\n5, 2\n0, 2\n", r"rail\.csv, line 4: the travel is 5 mm after 5 mm; .* each place once"),
+        (
+            "travel [mm], EXX [um]\n5, 1\n0, 1\n5, 2\n",
+            r"rail\.csv, line 3: the travel is 0 mm after 5 mm; the rows must go",
+        ),
+        (
+            "travel [mm], EXX [um]\n9, 1\n5, 1\n5, 2\n0, 2\n",
+            r"rail\.csv, line 4: the travel is 5 mm after 5 mm; .* each place once",
+        ),
         ("travel [mm]\n0\n5\n", r"rail\.csv has no column of errors; allowed: EXX, EYX, EZX, EAX, EBX, ECX"),
     ],
 )

@@ -70,7 +70,8 @@ class Guide(Source):
 
     Raises:
         InputError: No error, or a negative one; orders that are none, or do not fit; angles of a short carriage, or no
-            straightness; an unusable table, or one that does not reach the travel of a pose; a joint that turns, or has no limits.
+            straightness; an unusable table, or one that does not reach the travel of a pose; a joint that turns, or has no
+            limits.
 
     Examples:
         >>> rail = '<joint name="rail" type="prismatic"><parent link="base"/><child link="table"/><axis xyz="1 0 0"/>'
@@ -198,7 +199,9 @@ class Guide(Source):
                 raise InputError(f"{table.file}: unknown column {name!r}: {nearest(name, (_TRAVEL, *_LETTERS))}")
         travel = np.array(table.column(_TRAVEL, units.LENGTH))
         if table.names == (_TRAVEL,):
-            raise InputError(f"{table.file} has no column of errors; allowed: {', '.join(_LETTERS)}, each with its unit")
+            raise InputError(
+                f"{table.file} has no column of errors; allowed: {', '.join(_LETTERS)}, each with its unit"
+            )
         if len(travel) < 2:
             raise InputError(f"{table.file}: two or more rows are needed, each at another {_TRAVEL}")
         steps = np.diff(travel) * np.sign(travel[-1] - travel[0])

@@ -193,7 +193,9 @@ def _fit(request: Asked, model: ErrorModel, measurements: tuple[Measurement, ...
     if path is not None and overrides is not None and (overrides.robot or overrides.tip or overrides.base):
         hint = "write the robot, tip and base of the options there first"
         if not (overrides.tip or overrides.base):
-            hint = "give a sheet that names the robot, without the robot; precision-pin init ROBOT --out SHEET writes one"
+            hint = (
+                "give a sheet that names the robot, without the robot; precision-pin init ROBOT --out SHEET writes one"
+            )
         raise InputError(f"--sheet writes the sheet as it is in its file; {hint}")
 
     def write(result: Any) -> list[str]:
