@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import precision_pin as pp
+from precision_pin.analyses.collect import find_causes
 from precision_pin.base.errors import SheetError
 from precision_pin.sheet.reader import read
 from precision_pin.sources.guide import Guide
@@ -107,3 +108,13 @@ def test_a_tolerance_about_zero_is_warned_of(tmp_path):
     sheet = read(written(tmp_path, "guide: {joint: rail, EYX: ±10 um}", sliding=True))
     (found,) = [finding.message for finding in sheet.findings if finding.code == "W_AMPLITUDE"]
     assert "(the error's standard deviation is then the tolerance over √8)" in found
+
+
+def test_each_error_is_a_cause_with_its_phase(tmp_path):
+    errors = "EXX: 9 um, EYX: {uniform: 2 um, mean: 8 um}, EAX: 20 urad"
+    causes = find_causes(pp.ErrorModel.load(written(tmp_path, f"guide: {{joint: rail, {errors}}}", sliding=True)))
+    assert {cause.text: cause.names for cause in causes} == {
+        "positioning EXX of rail": ("guide[rail].EXX_phase",),
+        "straightness EYX of rail, ±2 um": ("guide[rail].EYX", "guide[rail].EYX_phase"),
+        "roll EAX of rail": ("guide[rail].EAX_phase",),
+    }

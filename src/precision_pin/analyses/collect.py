@@ -316,7 +316,8 @@ class CauseShare:
 def find_causes(model: ErrorModel) -> tuple[Cause, ...]:
     """Return the causes of a model, in the order of their first draws.
 
-    A source's own draws (bearings of an axis, a phase) that share a law, or have no tolerance, are one cause.
+    A source's own draws (bearings of an axis, a phase) that share a law, or have no tolerance, are one cause; a phase belongs to
+    the error of which its description speaks.
     """
     names = {
         draw.name: label
@@ -324,15 +325,16 @@ def find_causes(model: ErrorModel) -> tuple[Cause, ...]:
         for draw in source.own_draws(label)
     }
     groups: dict[object, list[tuple[Draw, str]]] = {}
-    first_of: dict[str, object] = {}
+    first_of: dict[tuple[str, str], object] = {}
     for draw, description, owners in zip(model.space.draws, model.draw_words, model.owners, strict=True):
-        label = names.get(draw.name)
+        label, stem = names.get(draw.name), _stem(description)
         key: object = draw.name
         if label is not None:
             tolerance = draw.tolerance
-            key = (label, draw.law, draw.scope) if tolerance else first_of.get(label, draw.name)
+            key = (label, draw.law, draw.scope) if tolerance else first_of.get((label, stem), draw.name)
         if len(owners) == 1:
-            first_of.setdefault(owners[0], key)
+            for near in ("", stem or description):
+                first_of.setdefault((owners[0], near), key)
         groups.setdefault(key, []).append((draw, description))
     return tuple(_cause(members) for members in groups.values())
 
@@ -341,9 +343,13 @@ def _cause(members: Sequence[tuple[Draw, str]]) -> Cause:
     draw, description = members[0]
     parts = tuple(Part(draw.name, description) for draw, description in members)
     # the two bearings of an axis merge into the axis, an amplitude and its phase into the amplitude
-    stems = {text.rpartition(",")[0] for _, text in members}
-    name = stems.pop() if len(members) > 1 and len(stems) == 1 else ""
+    stems = {_stem(text) for _, text in members}
+    name = stems.pop() if len(stems) == 1 and (len(members) > 1 or not draw.tolerance) else ""
     return Cause(name or description, draw.tolerance, draw.scope.value, parts)
+
+
+def _stem(description: str) -> str:
+    return description.rpartition(",")[0]
 
 
 def sum_by_cause(causes: Sequence[Cause], values: Mapping[str, float]) -> list[tuple[str, float]]:

@@ -149,10 +149,12 @@ def _time(name: str, value: object) -> tuple[float, bool]:
 def _above_zero(name: str, value: object, quantity: Quantity, example: str = "") -> float:
     """Return a number in SI, from a number in SI or text with a unit as in a sheet."""
     what = f"{name} of drift{example}"
+    if not isinstance(value, str):
+        return check_quantity(what, value, quantity, "above zero", lambda n: n > 0)
     try:
-        number = units.parse(value, quantity) if isinstance(value, str) else value
+        number = units.parse(value, quantity)
     except InputError as error:
         raise InputError(f"{what}: {error.findings[0].message}") from None
-    if isinstance(value, str) and not number > 0:
+    if not number > 0:
         raise InputError(f"{name} of drift must be above zero, got {shown(value)}")
-    return check_quantity(what, number, quantity, "above zero", lambda n: n > 0)
+    return number
