@@ -100,6 +100,7 @@ def test_wrong_choices_of_datums(write) -> None:
     known = f"{SHEET}datums: {{f: {{taught: {{pose: a}}}}, c: {{eye_to_hand: {{{CAMERA}, {NOISE}}}}}}}\n"
     for text, message in (
         ("[x]", "no datum named 'x'; valid: c, compensated, f, none"),
+        ("[c, none]", "'none' is for base axes and stands alone, got c, none"),
         ("[f, f]", "two datums have the same name, got 'f', 'f'"),
         ("[c, f]", "datum c: a camera sees one workpiece; give it as the last datum"),
     ):

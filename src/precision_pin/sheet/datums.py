@@ -260,10 +260,13 @@ def chosen_datums(names: str | list[str] | None, datums: Collection[str]) -> tup
 
     Raises:
         UnknownNameError: No such datum.
+        InputError: ``none`` beside others.
     """
     listed = names if isinstance(names, list) else [] if names is None else [name.strip() for name in names.split(",")]
     if listed == [NO_DATUM]:
         return ()
+    if NO_DATUM in listed:
+        raise InputError(f"{NO_DATUM!r} is for base axes and stands alone, got {', '.join(listed)}")
     for name in listed:
         if name not in datums and name != COMPENSATED:
             raise UnknownNameError("datum", name, (*datums, COMPENSATED, NO_DATUM))
