@@ -68,6 +68,11 @@ def test_axes_of_the_tool_and_a_direction():
     pose = pp.stiffness(model, "work", robots=10, axes="tool").poses[0]
     assert_allclose([entry.direction for entry in pose.axes], tool, atol=1e-12)
     assert ") in base axes: " in answer(pose)
+    # nothing varies
+    alike = pp.stiffness(model, "work", robots=100)
+    assert [row.robots for row in alike.rows(alike.poses[0])[:3]] == [
+        f"{1e6 * entry.compliance:.4g}" for entry in alike.poses[0].axes
+    ]
     assert_allclose([entry.compliance for entry in pose.axes], np.diag(tool @ by_hand()[:3, :3] @ tool.T), atol=1e-15)
     along = pp.stiffness(model, robots=10, axes=(2, 0, 2), rated="10 N").poses[0]
     u = np.array([1, 0, 1]) / np.sqrt(2)

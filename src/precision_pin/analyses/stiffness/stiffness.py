@@ -51,7 +51,7 @@ MOST_ROBOTS: Final = 1_000_000
 STEPS: Final = 10
 """Steps up to the rated load."""
 _STRAIGHT: Final = 1e-9
-"""Relative difference from the tangent at the rated load below which every step has the tangent's compliance."""
+"""Relative difference that is rounding: from the tangent at the rated load, and between robots."""
 _ROUNDING: Final = 1e-9
 """Compliance (mm/kN, mrad/(N·m)) or length (mm) that is rounding."""
 _DIFFERENT: Final = 0.01
@@ -191,12 +191,13 @@ class Row(NamedTuple):
 
     @property
     def robots(self) -> str | None:
-        """95 % quantile over robots with its interval, as text."""
+        """95 % quantile over robots with its interval, as text; alone where all robots are alike."""
         value, interval = self.of.law.quantiles[0.95], self.of.law.quantile_interval[0.95]
         if value is None or interval is None:
             return None
-        per_si = 1e3 if self.turns else 1e6
-        return f"{number(per_si * value)} {bracketed(*interval, per_si)}"
+        per_si, low, high = 1e3 if self.turns else 1e6, *interval
+        alike = high - low <= _STRAIGHT * high
+        return number(per_si * value) + ("" if alike else f" {bracketed(low, high, per_si)}")
 
 
 @dataclass(frozen=True, eq=False)
