@@ -118,3 +118,10 @@ def test_each_error_is_a_cause_with_its_phase(tmp_path):
         "straightness EYX of rail, ±2 um": ("guide[rail].EYX", "guide[rail].EYX_phase"),
         "roll EAX of rail": ("guide[rail].EAX_phase",),
     }
+
+
+def test_the_worst_phase_is_told_without_rounding():
+    model = pp.ErrorModel(gantry(), pp.Space(), [Guide(joint="y", EXX=(20e-6,))])
+    # a quarter of the travel from the middle the cosine of 2π y/L is rounding
+    (contribution,) = pp.worst_case(model, [0, 0.5, 0, 0], samples=200).poses[0].position.contributions
+    assert contribution.at in ("1, 0", "-1, 0")

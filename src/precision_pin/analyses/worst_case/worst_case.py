@@ -415,9 +415,10 @@ def _bound(
     place, size = _climb(layout, supports, rows, starts)
     names = model.space.components
     quantities = [quantity for draw in model.space.draws for quantity in draw.known_quantities]
+    rounding = _SEARCH_ROUNDING * np.sqrt(model.space.block_covariance.variances)
     values = [
         f"{value:.4g}" if quantity is None else WrittenUnit.suiting(quantity, [value]).short(value)
-        for quantity, value in zip(quantities, x.tolist(), strict=True)
+        for quantity, value in zip(quantities, np.where(np.abs(x) > rounding, x, 0.0).tolist(), strict=True)
     ]
     contributions = [
         Contribution(name, tuple(names[k] for k in columns), share, ", ".join(values[k] for k in columns))
