@@ -261,3 +261,6 @@ def test_growth_by_temperature_is_told_from_growth_in_time(tmp_path):
     first = pp.calibrate(model, file, TRACKER).causes[0]
     assert (first.kind, first.unit) == ("growth by temperature", "1/K")
     assert first.interval[0] < 20e-6 < first.interval[1]
+    # a column without values tells nothing, and drops no row
+    empty = written(tmp_path / "b.csv", q, readings, **{"temperature [degC]": np.full(20, np.nan)})
+    assert len(pp.calibrate(model, empty, TRACKER).data.lines) == 20

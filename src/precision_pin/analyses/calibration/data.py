@@ -320,7 +320,8 @@ def _read_file(
         speed = measurements[0].mixing(model.chain) @ np.array([table.column(*rate) for rate in rates])
     temperature = np.zeros(0)
     if "temperature" in table.names:
-        temperature = np.array(table.column("temperature", units.TEMPERATURE_DIFFERENCE))
+        column = np.array(table.column("temperature", units.TEMPERATURE_DIFFERENCE))
+        temperature = column if np.isfinite(column).any() else temperature
     std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
     target_stds = [_axis_stds(table, columns) for _, columns in targets]
     for values in (std[:, None], *target_stds):
