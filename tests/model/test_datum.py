@@ -292,6 +292,9 @@ def test_an_arm_of_few_joints_keeps_its_attitude_when_compensated() -> None:
     assert np.abs(at.error_at_means[:3]).max() < 1e-15
     np.testing.assert_array_equal(at.error_at_means[3:], bare.error_at_means[3:])
     assert np.linalg.norm(bare.error_at_means[:3]) > 8e-3
+    offset = JointOffset(joint="joint1", offset=Normal(1e-4, mean=1e-3))
+    built = ErrorModel(ErrorModel.load(PAPER_SHEET).chain, Space(), [offset]).against("compensated")
+    assert np.abs(built.at([0, 0, 0, 0]).error_at_means[:3]).max() < 1e-15
     # what is stated counts, not the number of joints
     told = ErrorModel.load(PAPER_SHEET).against(Datum.compensated(turns=True)).at("paper")
     assert np.abs(told.error_at_means).max() < 1e-15

@@ -200,7 +200,7 @@ class ErrorModel:
             >>> print(np.abs(taught.at("paper").jacobian[:3]).max() < 1e-12)
             True
         """
-        known = {} if self.sheet is None else {**self.sheet.datums, COMPENSATED: Datum.compensated()}
+        known = {**({} if self.sheet is None else self.sheet.datums), COMPENSATED: Datum.compensated()}
         datums = () if datums == (NO_DATUM,) else datums
         named = [known[check_name("datum", datum, known)] if isinstance(datum, str) else datum for datum in datums]
         listed = check_items("the datums", named, Datum, "as Datum.taught returns it")  # type: ignore[type-abstract]
