@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
 from precision_pin.analyses.stiffness.figure import ComplianceLayer, figure, map_figure, stiffness_chapter
+from precision_pin.analyses.stiffness.stiffness import split_goal
 from precision_pin.analyses.stiffness.table import answer, table
 from precision_pin.model.compliance import Elasticity
 from precision_pin.sources import Beam, BearingStiffness, Force, JointCompliance, Payload, Servo, Transmission
@@ -272,6 +273,27 @@ def test_the_goal_says_how_much_stiffer():
     along = pp.stiffness(model, robots=10, goal=1e-4, axes=(1, 0, 0)).poses[0]
     assert along.goal.together == 1.0
     assert [part.factor for part in along.sources] == [1.0, 1.0]
+
+
+def test_a_split_of_the_goal_has_the_least_sum_of_factors():
+    # along one direction factors go with the roots of the parts; the third stays, so the others share 2 - 0.25: √c (2 + 1)/1.75
+    assert_allclose(split_goal(np.reshape([4.0, 1.0, 0.25], (3, 1, 1)), 2.0), [2 * 12 / 7, 12 / 7, 1.0], rtol=1e-4)
+    levers = np.random.default_rng(4).normal(size=(8, 3, 2))
+    blocks = levers @ np.swapaxes(levers, 1, 2)
+    goal = 0.3 * np.linalg.eigvalsh(blocks.sum(axis=0))[-1]
+    factors = split_goal(blocks, goal)
+
+    def softest(factors):
+        return np.linalg.eigvalsh((blocks / factors[:, None, None]).sum(axis=0))[-1]
+
+    assert goal * (1 - 1e-5) < softest(factors) <= goal * (1 + 1e-6)
+    # neighbours that keep the goal, by a common factor if need be, have a larger sum
+    for change in np.random.default_rng(5).uniform(0.9, 1.1, (200, 8)):
+        other = np.maximum(factors * change, 1.0)
+        other = np.maximum(other * softest(other) / goal, 1.0)
+        assert other.sum() > factors.sum() * (1 - 1e-6)
+    part = pp.stiffness(laws(), robots=10, goal="1 um/kN").poses[0]
+    assert sum(entry.split for entry in part.sources) < 2 * part.goal.together
 
 
 def test_many_poses_are_those_one_by_one():

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.optimize import minimize
 
 from precision_pin.analyses.collect import bracketed
 from precision_pin.analyses.provenance import Pose, PoseLabel, Poses, Provenance, approached, listed_poses
@@ -113,6 +114,7 @@ class ElasticPart(Record):
         compliance, share: Part in the softest direction, m/N, and as a fraction.
         axes: Part along each axis, m/N.
         factor: How many times stiffer it alone must be for the goal; 1 if the goal is kept, None if it alone cannot do it.
+        split: How many times stiffer it must be where all parts share the goal so that the sum of their factors is least.
     """
 
     source: str
@@ -120,6 +122,7 @@ class ElasticPart(Record):
     share: float
     axes: Array
     factor: float | None
+    split: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -560,15 +563,16 @@ class _Loading:
         parts = np.einsum("i,lij,j->l", softest.direction, blocks, softest.direction)
         along = np.einsum("ki,lij,kj->lk", axes, blocks, axes)
         share = parts / softest.compliance if softest.compliance > 0 else np.zeros(len(labels))
+        split = [None] * len(labels) if self.goal is None else split_goal(self._wanted(blocks), self.goal).tolist()
         entries = [
-            ElasticPart(label, float(parts[k]), float(share[k]), along[k], self._factor(blocks, k))
+            ElasticPart(label, float(parts[k]), float(share[k]), along[k], self._factor(blocks, k), split[k])
             for k, label in enumerate(labels)
         ]
         return tuple(sorted(entries, key=lambda entry: -entry.compliance))
 
     def _wanted(self, block: Array) -> Array:
-        """Return the block that the goal limits: all of it, or along the given direction ``(1, 1)``."""
-        block = (block + block.T) / 2
+        """Return the part of blocks ``([M,] 3, 3)`` that the goal limits: all, or along the given direction ``([M,] 1, 1)``."""
+        block = (block + np.swapaxes(block, -1, -2)) / 2
         return block if isinstance(self.directions, str) else self.directions[None] @ block @ self.directions[:, None]
 
     def _factor(self, blocks: Array, source: int) -> float | None:
@@ -647,3 +651,32 @@ def _largest(blocks: Array) -> Array:
     determinant = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - e * b)
     cosine = np.clip(determinant / (2 * np.where(spread > 0, spread, 1.0) ** 3), -1.0, 1.0)
     return np.asarray(middle + 2 * spread * np.cos(np.arccos(cosine) / 3))
+
+
+_ROUNDS: Final = 50
+"""Directions at most that limit a split of the goal; each is the softest of the split before."""
+_KEPT: Final = 1e-6
+"""Relative excess of a goal that counts as kept."""
+
+
+def split_goal(blocks: Array, goal: float) -> Array:
+    """Return the factors f ≥ 1 ``(M,)`` of least sum with Σ C_e/f_e ≤ the goal in every direction, for ``(M, k, k)``.
+
+    The problem is convex in 1/f. The goal is asked for in the softest direction of the last solution, one after another.
+    """
+    shares, directions = np.ones(len(blocks)), np.zeros((0, blocks.shape[1]))
+    for _ in range(_ROUNDS):
+        sizes, vectors = np.linalg.eigh(np.einsum("m,mij->ij", shares, blocks))
+        if sizes[-1] <= goal * (1 + _KEPT):
+            break
+        directions = np.vstack([directions, vectors[:, -1]])
+        rows = np.einsum("di,mij,dj->dm", directions, blocks, directions) / goal
+        limits = {"type": "ineq", "fun": lambda x, rows=rows: 1 - rows @ x, "jac": lambda x, rows=rows: -rows}
+        # what no direction bounds stays as it is: a share of one
+        start = np.minimum(shares, 1 / rows.sum(axis=1).max())
+        bounds = [(1e-6, 1.0)] * len(blocks)
+        shares = minimize(
+            lambda x: (1 / x).sum(), start, jac=lambda x: -1 / x**2, bounds=bounds, constraints=limits,
+            method="SLSQP", options={"maxiter": 500, "ftol": 1e-12},
+        ).x  # fmt: skip
+    return np.asarray(1 / shares)

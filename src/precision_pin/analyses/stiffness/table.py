@@ -22,6 +22,8 @@ from precision_pin.render.text_table import aligned, limited, remainder
 
 _EVEN: Final = 1e-4
 """Relative difference between steps that is none."""
+_SAME: Final = 5e-3
+"""Excess of a factor over one that no part needs: less than its digits."""
 _PARTS: Final = 8
 """Elastic sources listed."""
 _DETAILED: Final = 3
@@ -108,15 +110,27 @@ def pose_columns(result: StiffnessResult, pose: PoseStiffness) -> list[Column]:
 
 def _part_rows(result: StiffnessResult, pose: PoseStiffness) -> list[list[str]]:
     rows = [
-        ["mm/kN", "share", "softest", *(entry.axis for entry in pose.axes), *(["stiffer alone"] if pose.goal else [])]
+        [
+            "mm/kN",
+            "share",
+            "softest",
+            *(entry.axis for entry in pose.axes),
+            *(["stiffer alone", "split"] if pose.goal else []),
+        ]
     ]
     for part in pose.sources[: limited(_PARTS)]:
         sizes = (per_kilonewton(size) for size in (part.compliance, *part.axes))
         row = [visible(part.source), f"{percent(part.share)} %", *sizes]
         if pose.goal is not None:
-            row.append("not alone" if part.factor is None else "kept" if part.factor == 1.0 else f"× {part.factor:.3g}")
+            row.append("not alone" if part.factor is None else _times(part.factor))
+            row.append(_times(part.split))
         rows.append(row)
     return rows
+
+
+def _times(factor: float | None) -> str:
+    """Return how many times stiffer a part must be, as text."""
+    return "-" if factor is None else "kept" if factor < 1 + _SAME else f"× {factor:.3g}"
 
 
 def _step_lines(pose: PoseStiffness) -> list[str]:
