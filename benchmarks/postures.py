@@ -45,9 +45,10 @@ def seconds(work: Callable[[], object]) -> float:
 
 def pinocchio_loop(chain: Chain, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return Jacobians ``(P, 6, n)``, load torques ``(P, n)`` and forces on the joints ``(P, n, 6)``."""
-    model, joints = chain.pinocchio.model, chain.pinocchio.joints
+    model, joints = chain.pinocchio.model.copy(), chain.pinocchio.joints
+    placement, kind = pinocchio.SE3(np.array(chain.target_placement)), pinocchio.FrameType.OP_FRAME
+    tip = model.addFrame(pinocchio.Frame("looped tip", joints[-1], placement, kind))
     data, still, axes = model.createData(), np.zeros(model.nv), pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    tip = model.getFrameId(chain.tip, pinocchio.FrameType.BODY)
     count, n = len(q), len(joints)
     jacobians, torques, wrenches = np.empty((count, 6, n)), np.empty((count, n)), np.empty((count, n, 6))
     for k in range(count):
