@@ -29,7 +29,7 @@ SIGNS = (
         "{1: np.eye(6)[5], 2: -np.eye(6)[4]}",
         "{1: -np.eye(6)[5], 2: np.eye(6)[4]}",
     ),
-    Fault("guide", "phase counted the other way", '("y", cosine, -sine)', '("y", -cosine, sine)'),
+    Fault("guide", "phase counted the other way", "(cosine, -sine)", "(-cosine, sine)"),
     Fault("run_out", "turns the other way", "(cosine, -sine) if", "(cosine, sine) if"),
     Fault("servo", "friction helps", "Term.of(target, -1.0, direction", "Term.of(target, 1.0, direction"),
     Fault("servo", "friction by load helps", "-torque, *factors, direction", "torque, *factors, direction"),
@@ -75,7 +75,7 @@ LAWS = (
     Fault("places", "shift and turn of a frame swapped", '"x", "y", "z", "rx"', '"rx", "y", "z", "x"', "frame"),
     Fault("joint_compliance", "another joint's torque", "torque_on(joint)", "torque_on((joint - 1) % len(posture.q))"),
     Fault("force", "dead where it follows", 'self.axes != "base"', "False"),
-    Fault("force", "point forgotten", "+= frame[:3, :3] @", "+= 0 * frame[:3, :3] @"),
+    Fault("force", "point forgotten", "carrier.frame_at(self.point)", "carrier.frame_at((0.0, 0.0, 0.0))"),
     Fault("force", "a cube of directions", "sqrt(1.0 - height * height)", "(1.0 - height * height)"),
     Fault(
         "strut",

@@ -133,14 +133,10 @@ class Elasticity:
         if self.statics != "nominal":
             return None
         values = np.column_stack([self.model.configuration(pose) for pose in poses])
-        many = self.model.chain.at_columns(values)
-        frames = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
-        bare = [
-            Posture(self.model.chain, values[:, k].copy(), frames[k], self.model.chain.loads) for k in range(len(poses))
-        ]
+        stacked, bare = self.model.chain.postures_at(values)
         postures = [load_posture(posture, sources) for posture in bare]
         probe = self._probe(bare[0])
-        stacked = Posture(self.model.chain, many.q, many.joint_poses, (probe,))
+        stacked = replace(stacked, loads=(probe,))
         probed = [replace(posture, loads=(probe,), tilts=(), deciding=posture) for posture in postures]
         by_label = {}
         for label, source in zip(self.model.labels, sources, strict=True):

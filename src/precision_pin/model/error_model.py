@@ -437,13 +437,10 @@ class ErrorModel:
 
     def _at_once(self, values: Array, approaches: NDArray[np.int8] | None) -> Iterable[PoseModel]:
         """Return the model at poses ``(n, P)``, with terms computed for all poses at once if the sources accept it."""
-        many = self.chain.at_columns(values)
-        poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
-        bare = [Posture(self.chain, many.q[:, k].copy(), poses[k], self.chain.loads) for k in range(len(many))]
+        stacked, bare = self.chain.postures_at(values)
         if approaches is not None:
             bare = [replace(p, approach=tuple(a)) for p, a in zip(bare, approaches.T.tolist(), strict=True)]
         if self.statics == "nominal" and len(bare) > 1:
-            stacked = Posture(self.chain, many.q, many.joint_poses, self.chain.loads)
             with suppress(InputError):  # raised again when the iterator reaches the pose at fault
                 terms = bound_source.terms_at_many(stacked, bare, self.bound_sources)
                 if terms is not None:

@@ -291,6 +291,13 @@ class Chain(Fixed):
         """Return the chain at checked values ``(n, P)``, as from :attr:`configurations`."""
         return Postures(values, self._constants)
 
+    def postures_at(self, values: Array) -> tuple[Posture, list[Posture]]:
+        """Return the chain at checked values ``(n, P)`` as a posture of P configurations, and as P postures of one."""
+        many = self.at_columns(values)
+        poses = np.ascontiguousarray(np.moveaxis(many.joint_poses, -1, 0))
+        each = [Posture(self, many.q[:, k].copy(), poses[k], self.loads) for k in range(len(many))]
+        return Posture(self, many.q, many.joint_poses, self.loads), each
+
     def with_payload(self, mass: float | str, centre: ArrayLike = (0.0, 0.0, 0.0), at: str | None = None) -> Chain:
         """Return the chain with a payload.
 

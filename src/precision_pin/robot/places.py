@@ -117,6 +117,12 @@ class LinkFrame(Fixed):
     stretch: Array | None = None
     is_own: bool = False
 
+    def frame_at(self, point: ArrayLike) -> Array:
+        """Return the frame ``(4, 4)`` with its origin at a point ``(3,)`` of the URDF link, in the chain link's axes."""
+        frame = np.array(self.frame)
+        frame[:3, 3] += frame[:3, :3] @ np.asarray(point)
+        return frame
+
     def entry(self, centre: ArrayLike) -> Array:
         """Return where on the chain link, in its axes, a weight acts whose centre is in the URDF link's axes.
 

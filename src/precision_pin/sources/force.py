@@ -127,8 +127,7 @@ class Force(Source):
         to_axes = block_diagonal(rotation)
         values = [*enumerate(self._force(space)), *enumerate(space.values("moment", self.moment), start=3)]
         wrenches = tuple(_wrench(to_axes[:, row], value) for row, value in values)
-        frame = np.array(carrier.frame)
-        frame[:3, 3] += frame[:3, :3] @ np.asarray(self.point)
+        frame = carrier.frame_at(self.point)
         turns = self.axes != "base"
         yield Load(carrier.link, frame, carrier.entry(self.point), False, (), wrenches=wrenches, turns=turns)
 

@@ -13,7 +13,7 @@ import numpy as np
 from precision_pin.base import csv_columns
 from precision_pin.base.errors import nearest
 from precision_pin.robot.postures import alignment
-from precision_pin.sources.periodic import amplitude_remarks, phase_draw
+from precision_pin.sources.periodic import amplitude_remarks, phase_draw, phased_terms
 from precision_pin.sources.places import block_diagonal
 from precision_pin.terms import (
     Array,
@@ -171,9 +171,11 @@ class Guide(Source):
                 size, slope = to_place[:, row] / 2, to_place @ (self._slope(row) * rate / 2)
                 sine, cosine = np.sin(rate * travel), np.cos(rate * travel)
                 # sin(rate x + φ), and its derivative for what follows the slope
-                for part, wave, change in (("x", sine, cosine), ("y", cosine, -sine)):
-                    twist = np.multiply.outer(size, wave) + np.multiply.outer(slope, change)
-                    yield Term.of(place, twist, tolerance, space.component(f"{entry_name(f'{name}_phase', k)}.{part}"))
+                twists = [
+                    np.multiply.outer(size, wave) + np.multiply.outer(slope, change)
+                    for wave, change in ((sine, cosine), (cosine, -sine))
+                ]
+                yield from phased_terms(place, twists, tolerance, space, entry_name(f"{name}_phase", k))
 
     def _slope(self, row: int) -> Array:
         """Return the angles of a short carriage for each unit of the derivative of an error."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from precision_pin.draws.expressions import Component, Value
 from precision_pin.draws.laws import Circle
 from precision_pin.terms import Array, Draw, Finding, JointValue, LabelledSpace, Scope, Term, units
+from precision_pin.terms.term import Target
 
 _ROUNDING: Final = 1e-9
 """Ratio of the mean of an amplitude to its standard deviation below which the mean is rounding of an intended zero."""
@@ -31,8 +33,15 @@ def periodic_terms(
         amplitude: rad or m.
         space, phase: Space of the source, and the name of its draw of φ.
     """
-    yield Term.of(JointValue(joint), np.sin(angle), amplitude, space.component(f"{phase}.x"))
-    yield Term.of(JointValue(joint), np.cos(angle), amplitude, space.component(f"{phase}.y"))
+    yield from phased_terms(JointValue(joint), (np.sin(angle), np.cos(angle)), amplitude, space, phase)
+
+
+def phased_terms(
+    target: Target, twists: Sequence[ArrayLike], amplitude: Value, space: LabelledSpace, phase: str
+) -> Iterator[Term]:
+    """Yield the terms ``amplitude · (twists[0] cos φ + twists[1] sin φ)`` on a target, with φ of the draw ``phase``."""
+    for twist, part in zip(twists, ("x", "y"), strict=True):
+        yield Term.of(target, twist, amplitude, space.component(f"{phase}.{part}"))
 
 
 def amplitude_remarks(

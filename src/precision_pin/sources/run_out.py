@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Final, Literal
 import numpy as np
 
 from precision_pin.base.arguments import check_choice
-from precision_pin.sources.periodic import amplitude_remarks, phase_draw
+from precision_pin.sources.periodic import amplitude_remarks, phase_draw, phased_terms
 from precision_pin.sources.places import seat_of, wrench_at
 from precision_pin.terms import (
     Dependence,
@@ -115,8 +115,5 @@ class RunOut(Source):
             for k, row in enumerate(_ROWS[name]):
                 # cos(nθ + φ) in the first direction, sin(nθ + φ) in the second
                 slopes = (cosine, -sine) if k == 0 else (sine, cosine)
-                phase = next(phases)
-                for slope, part in zip(slopes, ("x", "y"), strict=True):
-                    yield Term.of(
-                        place, np.multiply.outer(to_place[:, row], slope), amplitude, space.component(f"{phase}.{part}")
-                    )
+                twists = [np.multiply.outer(to_place[:, row], slope) for slope in slopes]
+                yield from phased_terms(place, twists, amplitude, space, next(phases))

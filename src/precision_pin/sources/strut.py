@@ -47,9 +47,7 @@ class StrutEnd:
         """Return the end as a load without a weight; UnknownNameError if there is no such link."""
         name = chain.base if self.link == "base" and "base" not in chain.link_frames else self.link
         carrier = chain.link_frame(name)
-        frame = np.array(carrier.frame)
-        frame[:3, 3] += frame[:3, :3] @ np.asarray(self.point)
-        return Load(carrier.link, frame, carrier.entry(self.point), along=False, moments=())
+        return Load(carrier.link, carrier.frame_at(self.point), carrier.entry(self.point), along=False, moments=())
 
 
 @dataclass(frozen=True, kw_only=True)

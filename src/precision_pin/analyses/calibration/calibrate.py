@@ -100,16 +100,8 @@ class CalibrationResult(PosesOutcome):
 
     schema: ClassVar[str] = "precision-pin/calibration/1"
     KEYS: ClassVar[Keys] = (
-        *(
-            "*head",
-            "measurement",
-            "measurements=data.measurements",
-            "prior=has_prior",
-            "readings",
-            "verdict",
-            "causes",
-            "gains",
-        ),
+        *("*head", "measurement", "measurements=data.measurements", "prior=has_prior", "readings"),
+        *("verdict", "causes", "gains"),
         *("chi_square", "degrees_of_freedom", "probability", "steps", "rms_residual", "gross_errors", "at_bounds"),
         *("set_up", "set_ups", "rank", "observability", "identifiability", "posterior", "in_sheet", "intervals"),
         *("poses", "residuals", "residuals_before", "residuals_left_out=left_out", "std_left_out", "std_predicted"),

@@ -104,7 +104,7 @@ def steps_of(rate: float, times: Array, *others: Array) -> list[Steps]:
     result = []
     for asked in (times, *others):
         after = np.clip(np.searchsorted(knots, asked), min(1, knots.size - 1), knots.size - 1)
-        before, length = np.maximum(after - 1, 0), np.ones(asked.size)
+        before = np.maximum(after - 1, 0)
         length = np.where(after > before, knots[after] - knots[before], 1.0)
         share = (asked - knots[before]) / length
         factors = (1 - share)[:, None] * walk[before] + share[:, None] * walk[after]

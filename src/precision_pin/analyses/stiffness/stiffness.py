@@ -672,7 +672,7 @@ def split_goal(blocks: Array, goal: float) -> Array:
         directions = np.vstack([directions, vectors[:, -1]])
         rows = np.einsum("di,mij,dj->dm", directions, blocks, directions) / goal
         limits = {"type": "ineq", "fun": lambda x, rows=rows: 1 - rows @ x, "jac": lambda x, rows=rows: -rows}
-        # what no direction bounds stays as it is: a share of one
+        # a start that keeps the goal in every direction so far
         start = np.minimum(shares, 1 / rows.sum(axis=1).max())
         bounds = [(1e-6, 1.0)] * len(blocks)
         shares = minimize(
