@@ -132,6 +132,21 @@ def test_combinations_without_a_prior_are_those_of_the_whole_matrix():
     check_close(estimator.basis @ estimator.basis.T, expected.T @ expected)
 
 
+def test_precise_readings_and_broad_tolerances_keep_their_digits():
+    """Against the closed form by singular values from 1e-5 to 1e5, beside nuisances of which a number is nearly one."""
+    rng, values = np.random.default_rng(9), np.logspace(-5, 5, 8)
+    left, right = np.linalg.qr(rng.normal(size=(90, 11)))[0], np.linalg.qr(rng.normal(size=(8, 8)))[0]
+    by_nuisance = 1e5 * left[:, 8:] @ rng.normal(size=(3, 3))
+    by_z = left[:, :8] * values @ right.T + by_nuisance @ rng.normal(size=(3, 8))
+    estimator, z, white = Estimator.of(by_z, by_nuisance, has_prior=True), rng.normal(size=8), rng.normal(size=90)
+    np.testing.assert_allclose(right.T @ estimator.covariance @ right, np.diag(1 / (1 + values**2)), atol=1e-9)
+    expected = (values * (left[:, :8].T @ white) + values**2 * (right.T @ z)) / (1 + values**2)
+    np.testing.assert_allclose(right.T @ estimator.estimate(white, z), expected, atol=1e-8)
+    root, columns = estimator.leverage_root(), left[:, :8] * values
+    left_of_columns = columns - root @ (root.T @ columns)
+    np.testing.assert_allclose(columns.T @ left_of_columns, np.diag(values**2 / (1 + values**2)), atol=1e-4)
+
+
 def test_the_suspect_joint_is_that_of_the_dense_projector():
     problem = repeated_problem()
     fit = Descent(problem, has_prior=True).fit()

@@ -226,16 +226,20 @@ def without(derivatives: Array, unseen: Array) -> Array:
     return derivatives - derivatives @ unseen @ unseen.T if unseen.size else derivatives
 
 
-def project_out(by_z: Array, by_nuisance: Array) -> tuple[Array, int]:
-    """Return derivatives ``(M, r)`` without the part that nuisances ``(M, k)`` explain, and the rank of these."""
+def basis_of(by_nuisance: Array) -> Array:
+    """Return an orthonormal basis ``(M, rank)`` of what nuisances ``(M, k)`` explain."""
     if not by_nuisance.shape[1]:
-        return by_z, 0
+        return by_nuisance
     basis, values, _ = np.linalg.svd(by_nuisance / _lengths(by_nuisance), full_matrices=False)
-    rank = int((values > NEGLIGIBLE * values[0]).sum())
-    basis = basis[:, :rank]
+    return basis[:, : int((values > NEGLIGIBLE * values[0]).sum())]
+
+
+def beside(columns: Array, basis: Array) -> Array:
+    """Return columns ``(M, c)`` without their part in an orthonormal basis ``(M, b)``."""
     # projected twice, to remove the rounding of the first projection
-    projected = by_z - basis @ (basis.T @ by_z)
-    return projected - basis @ (basis.T @ projected), rank
+    for _ in range(2):
+        columns = columns - basis @ (basis.T @ columns)
+    return columns
 
 
 def _lengths(columns: Array) -> Array:
@@ -265,7 +269,7 @@ WEAKEST: Final = 1.0
 
 def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
     """Return z's covariance after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹``, P the nuisances' projector."""
-    projected, _ = project_out(by_z, by_nuisance)
+    projected = beside(by_z, basis_of(by_nuisance))
     values, vectors = np.linalg.eigh(projected.T @ projected)
     return np.asarray((vectors / (1 + np.maximum(values, 0.0))) @ vectors.T)
 
@@ -274,16 +278,20 @@ def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
 class Estimator:
     """The linear estimate of z and the nuisances from whitened readings with derivatives ``(M, r)`` and ``(M, k)``.
 
+    By orthogonal factors: the normal equations of precise readings and broad tolerances would lose half of the digits.
+
     Attributes:
-        projected, nuisance_rank: ``by_z`` less what nuisances could explain, and how many nuisances are determined.
+        nuisance_basis: Orthonormal basis of what the determined nuisances explain, ``(M, rank)``.
+        left, inverse: Factors ``(M, b)`` and ``(r, b)`` of the estimate at z = 0, ``inverse leftᵀ residuals``.
         covariance, basis: Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r,
             basis)``; all with a prior.
     """
 
     by_z: Array
     by_nuisance: Array
-    projected: Array
-    nuisance_rank: int
+    nuisance_basis: Array
+    left: Array
+    inverse: Array
     covariance: Array
     basis: Array
     has_prior: bool
@@ -291,31 +299,40 @@ class Estimator:
     @classmethod
     def of(cls, by_z: Array, by_nuisance: Array, *, has_prior: bool, basis: Array | None = None) -> Estimator:
         """Return the estimator of whitened derivatives; without a prior, of the combinations ``basis`` (default: determined)."""
-        projected, rank = project_out(by_z, by_nuisance)
+        nuisance_basis = basis_of(by_nuisance)
+        projected, unit = beside(by_z, nuisance_basis), np.eye(by_z.shape[1])
         if has_prior:
-            basis, covariance = np.eye(by_z.shape[1]), covariance_with_prior(by_z, by_nuisance)
+            basis, rows = unit, np.vstack([projected, unit])
         else:
             if basis is None:
                 triangle = np.linalg.qr(projected, mode="r") if len(projected) > projected.shape[1] else projected
-                _, values, rows = np.linalg.svd(triangle, full_matrices=True)
-                basis = rows[: int((values > WEAKEST).sum())].T
-            _, triangle = np.linalg.qr(projected @ basis)
-            inverse = np.linalg.pinv(triangle, rcond=1e-12)
-            # combinations that the readings do not determine keep their prior
-            covariance = basis @ inverse @ inverse.T @ basis.T + np.eye(len(basis)) - basis @ basis.T
-        return cls(by_z, by_nuisance, projected, rank, covariance, basis, has_prior)
+                _, values, directions = np.linalg.svd(triangle, full_matrices=True)
+                basis = directions[: int((values > WEAKEST).sum())].T
+            rows = projected @ basis
+        orthogonal, triangle = np.linalg.qr(rows)
+        left, values, right = np.linalg.svd(triangle)
+        is_determined = values > 1e-12 * values.max(initial=0.0)
+        inverse = basis @ (right.T / np.where(is_determined, values, 1.0))[:, is_determined]
+        # combinations that the readings do not determine keep their prior
+        covariance = inverse @ inverse.T + unit - basis @ basis.T
+        left = orthogonal[: len(by_z)] @ left[:, is_determined]
+        return cls(by_z, by_nuisance, nuisance_basis, left, inverse, covariance, basis, has_prior)
 
-    def estimate(self, readings: Array, low: Array | None = None, high: Array | None = None) -> Array:
-        """Return z ``(r,)`` for whitened readings ``(M,)``, within bounds ``(r,)`` if given."""
-        if not self.has_prior:
-            return np.asarray(self.covariance @ (self.basis @ (self.basis.T @ (self.projected.T @ readings))))
-        unbounded: Array = self.covariance @ (self.projected.T @ readings)
-        if low is None or high is None or ((unbounded >= low) & (unbounded <= high)).all():
+    @property
+    def nuisance_rank(self) -> int:
+        """Number of nuisances, or combinations, that are determined."""
+        return self.nuisance_basis.shape[1]
+
+    def estimate(self, residuals: Array, z: Array, low: Array | None = None, high: Array | None = None) -> Array:
+        """Return z ``(r, …)`` for whitened residuals ``(M, …)`` at a given z, within bounds ``(r,)`` if given."""
+        # leftᵀ by_z, of which the prior has the rest: by the factors, since readings hardly move what they do not see
+        triangle = np.linalg.pinv(self.inverse)
+        pulled = self.left.T @ residuals + (triangle - self.inverse.T * self.has_prior) @ z
+        unbounded = np.asarray(self.inverse @ pulled)
+        if low is None or high is None or not self.has_prior or ((unbounded >= low) & (unbounded <= high)).all():
             return unbounded
-        rows = np.vstack([self.projected, np.eye(unbounded.size)])
-        target = np.concatenate([readings, np.zeros(unbounded.size)])
         # BVLS is exact at the bounds, and the problem is small
-        return np.asarray(scipy.optimize.lsq_linear(rows, target, (low, high), method="bvls", tol=1e-14).x)
+        return np.asarray(scipy.optimize.lsq_linear(triangle, pulled, (low, high), method="bvls", tol=1e-14).x)
 
     def nuisances(self, readings: Array) -> Array:
         """Return the nuisances ``(k,)`` of minimum norm that explain whitened readings ``(M,)`` without the part of z."""
@@ -325,13 +342,7 @@ class Estimator:
 
     def leverage_root(self) -> Array:
         """Return Q ``(M, k + r)``, with fitted = Q Qᵀ readings, both whitened."""
-        basis = np.zeros((len(self.by_z), 0))
-        if self.by_nuisance.shape[1]:
-            vectors, _, _ = np.linalg.svd(self.by_nuisance / _lengths(self.by_nuisance), full_matrices=False)
-            basis = vectors[:, : self.nuisance_rank]
-        values, vectors = np.linalg.eigh(self.basis.T @ self.covariance @ self.basis)
-        root = self.basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-        return np.hstack([basis, self.projected @ root])
+        return np.hstack([self.nuisance_basis, self.left])
 
     def residual_projector(self) -> Array:
         """Return the residual projector of whitened readings, ``(M, M)``."""
@@ -515,7 +526,8 @@ def of_stack(
     names: tuple[str, ...], by_z: Array, by_nuisance: Array, nuisances: tuple[str, ...], poses: int
 ) -> Identifiability:
     """Return the identifiability from whitened derivatives ``(M, U)`` and ``(M, k)``."""
-    projected, nuisance_rank = project_out(by_z, by_nuisance)
+    nuisance_basis = basis_of(by_nuisance)
+    projected, nuisance_rank = beside(by_z, nuisance_basis), nuisance_basis.shape[1]
     if len(projected) > projected.shape[1]:
         _, projected = np.linalg.qr(projected)
     _, singular_values, rows = np.linalg.svd(projected, full_matrices=True)

@@ -412,7 +412,7 @@ class Descent:
             self._last_estimator = self._estimator()
         estimator, z, nuisances = self._last_estimator, self._z, self._nuisances
         target = self._white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
-        new_z = estimator.estimate(target, *self.problem.bounds)
+        new_z = estimator.estimate(self._white, z, *self.problem.bounds)
         z_step, n_step = new_z - z, estimator.nuisances(target - estimator.by_z @ new_z) - nuisances
         last_size = self._size
         self._size = max(np.abs(z_step).max(initial=0.0), np.abs(estimator.by_nuisance @ n_step).max(initial=0.0))
@@ -443,7 +443,7 @@ class Descent:
             at_bounds = tuple(compress(problem.unit.names, is_at_bound))
             if at_bounds:  # numbers at a bound do not follow the readings
                 local = Estimator.of(estimator.by_z[:, ~is_at_bound], estimator.by_nuisance, has_prior=True)
-        without_bounds = estimator.estimate(white + estimator.by_z @ z) if at_bounds else z
+        without_bounds = estimator.estimate(white, z) if at_bounds else z
         left_out = leave_out(problem, estimator, local, residuals, np.arange(len(residuals)))
         return Fit(
             z, nuisances, without_bounds, estimator, cost, degrees, residuals, local, left_out, self.steps, at_bounds

@@ -652,8 +652,7 @@ def simulate_calibrations(
 
     for _ in range(_STEPS):
         residuals = whitened_residuals()
-        target = residuals + by_z @ z
-        new_z = estimator.covariance @ (estimator.projected.T @ target)
+        new_z = estimator.estimate(residuals, z)
         step = new_z - z
         if nuisances.size:
             nuisances = nuisances + np.linalg.lstsq(by_nuisance, residuals - by_z @ step, rcond=None)[0]

@@ -73,7 +73,8 @@ class Design:
             is_determined = values > 1e-9 * values[0]
             scaled_nuisances = by_nuisance @ (rows[is_determined].T / values[is_determined])
         prior = np.diag(np.concatenate([np.ones(size), np.full(scaled_nuisances.shape[2], _RIDGE)]))
-        spectrum = np.linalg.svd(linear.project_out(linear.flat(by_z), linear.flat(by_nuisance))[0], compute_uv=False)
+        projected = linear.beside(linear.flat(by_z), linear.basis_of(linear.flat(by_nuisance)))
+        spectrum = np.linalg.svd(projected, compute_uv=False)
         rank = max(int((spectrum > linear.NEGLIGIBLE * spectrum[0]).sum()), 1)
         return cls(np.concatenate([by_z, scaled_nuisances], axis=2), prior, size, rank, goal)
 

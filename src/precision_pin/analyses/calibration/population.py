@@ -251,7 +251,7 @@ def _evidence(
     by_number, by_nuisance = clean.slopes(fit.z, fit.nuisances, plain=True)
     numbers = (unit.values(fit.z) - unit.mean) / unit.std
     target = clean.whiten(clean.residuals(fit.z, fit.nuisances)) + by_number @ numbers
-    projected, _ = design.project_out(by_number, by_nuisance)
+    projected = design.beside(by_number, design.basis_of(by_nuisance))
     return projected.T @ projected, projected.T @ target
 
 

@@ -38,7 +38,7 @@ def reweighed_sizes(white: Array, by_z: Array, by_nuisance: Array, rows: NDArray
     for power in np.repeat([1, 2], 2 * REWEIGHED):
         root = np.sqrt(weights)[rows]
         estimator = Estimator.of(root[:, None] * by_z, root[:, None] * by_nuisance, has_prior=True)
-        residuals = white - by_z @ estimator.estimate(root * white)
+        residuals = white - by_z @ estimator.estimate(root * white, np.zeros(by_z.shape[1]))
         residuals = residuals - by_nuisance @ estimator.nuisances(root * residuals)
         sizes = np.sqrt(np.bincount(rows, residuals**2) / counts)
         weights = np.maximum(1.0, sizes / max(1.0, float(np.median(sizes[np.unique(rows)])))) ** -float(power)
