@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.tables import Table, figure, times
 from benchmarks.timing import Work, best_times
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel, arm_tangents
+from precision_pin.model.pose_model import PoseModel, Tables, of_one_layout
 from precision_pin.robot.examples import shipped_sheets
 
 __all__ = ["measure"]
@@ -33,7 +33,8 @@ def one_by_one(models: list[PoseModel], x: np.ndarray) -> tuple[np.ndarray, np.n
 
 def at_once(models: list[PoseModel], x: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return the same, of many poses at once."""
-    return tuple(np.concatenate(parts, axis=-1) for parts in zip(*arm_tangents(models, x), strict=True))
+    parts = [Tables.of(chunk).tangent(x) for chunk in of_one_layout(models)]
+    return tuple(np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in ("error", "jacobian"))
 
 
 def measure(poses: int = POSES, turns: int = TURNS) -> Table:

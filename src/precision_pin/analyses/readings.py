@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
 from typing import Final, NamedTuple
@@ -113,7 +113,14 @@ def measured_model(model: ErrorModel, measurement: Measurement) -> ErrorModel:
 def stations_of(
     model: ErrorModel, values: Array, measurement: Measurement, approaches: NDArray[np.int8] | None = None
 ) -> tuple[Station, ...]:
-    """Return a station for each distinct pose of ``(n, P)``, in order, with the columns that hold it."""
+    """Return the stations of :func:`each_station`."""
+    return tuple(each_station(model, values, measurement, approaches))
+
+
+def each_station(
+    model: ErrorModel, values: Array, measurement: Measurement, approaches: NDArray[np.int8] | None = None
+) -> Iterator[Station]:
+    """Return an iterator of stations, one for each distinct pose of ``(n, P)``, in order, with the columns that hold it."""
     signs = np.zeros(values.shape, dtype=np.int8) if approaches is None else approaches
     rows: dict[bytes, list[int]] = {}
     for k in range(values.shape[1]):
@@ -121,7 +128,7 @@ def stations_of(
     first = np.array([pose_rows[0] for pose_rows in rows.values()], dtype=np.intp)
     sides = None if approaches is None else np.ascontiguousarray(approaches[:, first])
     models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values[:, first]), sides)
-    return tuple(Station(at, tuple(pose_rows)) for at, pose_rows in zip(models, rows.values(), strict=True))
+    return (Station(at, tuple(pose_rows)) for at, pose_rows in zip(models, rows.values(), strict=True))
 
 
 _POSES: Final = 100_000

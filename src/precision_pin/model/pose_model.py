@@ -15,7 +15,7 @@ from itertools import islice
 from typing import Final, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_memory, check_numbers
@@ -420,31 +420,50 @@ class Tangents(Fixed):
     added: tuple[tuple[Array, Tangents], ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Tables(Fixed):
+    """Tables of P poses that differ only in frames ``(K, 4, 4, P)``, tips ``(3, P)`` and the twists of some terms ``(V, 6, P)``.
+
+    ``first`` is the table of the first pose, ``varying`` ``(V,)`` are those terms.
+    """
+
+    first: TermTable
+    varying: NDArray[np.intp]
+    twists: Array
+    frames: Array
+    tips: Array
+
+    @classmethod
+    def of(cls, models: Sequence[PoseModel]) -> Tables:
+        """Return the tables of models of one layout."""
+        tables = [at.table for at in models]
+        first, twists = tables[0], np.stack([table.twists for table in tables], axis=-1)
+        varying = np.flatnonzero((twists != twists[:, :, :1]).any(axis=(1, 2)))
+        return cls(
+            # a copy: its arrays may be views of those of many poses
+            replace(first, pose=first.pose.copy(), frames=first.frames.copy(), twists=first.twists.copy()),
+            varying,
+            twists[varying],
+            np.stack([table.frames for table in tables], axis=-1),
+            np.stack([table.pose[:3, 3] for table in tables], axis=-1),
+        )
+
+    def tangent(self, x: Array) -> Tangents:
+        """Return the first-order models about component values ``(d,)``, in base axes."""
+        with _check_overflow():
+            return _multiply_out(x, self)
+
+
 def tangents(models: Iterable[PoseModel]) -> Iterator[Tangents]:
     """Yield the first-order models of poses in order, up to `AT_ONCE` poses at a time."""
-    for chunk in _of_one_layout(models):
+    for chunk in of_one_layout(models):
         with _check_overflow():
-            part = _multiply_out(chunk[0].space.mean, [at.table for at in chunk])
+            part = _multiply_out(chunk[0].space.mean, Tables.of(chunk))
             yield _with_datum(part, chunk)
 
 
-def arm_tangents(models: Iterable[PoseModel], x: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield errors ``(6, P)`` of :meth:`PoseModel.exact` in base axes, and their derivatives ``(6, d, P)``, at values ``(d,)``.
-
-    Poses are in order, up to `AT_ONCE` at a time. Errors are those of :meth:`PoseModel.exact`.
-    """
-    for chunk in _of_one_layout(models):
-        if len(chunk) == 1:  # the arrays of many poses do not pay
-            error = chunk[0].arm.exact(x[:, None])
-            yield error, chunk[0].jacobian_at(x, error[:, 0])[:, :, None]
-        else:
-            with _check_overflow():
-                part = _multiply_out(x, [at.table for at in chunk])
-            yield part.error, part.jacobian
-
-
-def _of_one_layout(models: Iterable[PoseModel]) -> Iterator[list[PoseModel]]:
-    """Yield models in order, up to `AT_ONCE` whose tables differ in twists and frames only."""
+def of_one_layout(models: Iterable[PoseModel]) -> Iterator[list[PoseModel]]:
+    """Yield models in order, up to `AT_ONCE` at a time, whose tables differ in twists and frames only."""
     remaining = iter(models)
     while chunk := list(islice(remaining, AT_ONCE)):
         while chunk:
@@ -472,7 +491,7 @@ def _with_datum(arm: Tangents, models: Sequence[PoseModel]) -> Tangents:
         jacobian = jacobian + np.einsum("ijp,jd->idp", gain, visit.jacobian)
         blocks = gain.reshape(2, 3, 2, 3, -1).transpose(4, 0, 2, 1, 3)
         lengths = np.moveaxis(np.linalg.norm(blocks, ord=2, axis=(3, 4)), 0, -1)
-        added.append((lengths, _multiply_out(mean, [visit.table])))
+        added.append((lengths, _multiply_out(mean, Tables.of([visit]))))
     return replace(arm, error=error, jacobian=jacobian, added=tuple(added))
 
 
@@ -490,13 +509,13 @@ def _check_half_turns(turns: Array, axis: int) -> None:
         raise InputError("an error rotates a frame by 180° or more; the tolerances or loads are far too large")
 
 
-def _multiply_out(mean: Array, tables: Sequence[TermTable]) -> Tangents:
-    first, poses = tables[0], len(tables)
+def _multiply_out(mean: Array, tables: Tables) -> Tangents:
+    first, frames, tip = tables.first, tables.frames, tables.tips
+    poses = tip.shape[1]
+    twists = np.repeat(first.twists[:, :, None], poses, axis=2)
+    twists[tables.varying] = tables.twists
     products = first.products(first.program.evaluate(mean[:, None]))[:, 0]
     entries = zip(*first.product_slopes(mean), strict=True)
-    twists = np.stack([table.twists for table in tables], axis=-1)
-    frames = np.stack([table.frames for table in tables], axis=-1)
-    tip = np.stack([table.pose[:3, 3] for table in tables], axis=-1)
     spatial, arms = np.zeros((6, len(products), poses)), np.zeros((2, len(products), poses))
     pivots = np.zeros((len(products), 3, poses))
     motion = np.broadcast_to(np.eye(4)[:, :, None], (4, 4, poses))

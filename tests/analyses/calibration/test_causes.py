@@ -26,8 +26,9 @@ def linear_problem():
     model, q = plain_model(), random_poses(4, 15)
     data = read_data(model, (q, readings_of(model, q, FREE)), (FREE,))
     problem = Problem.of(model, data)[0]
-    columns, labels = columns_of(problem, data, problem.start)
-    return problem, columns, labels, *problem.slopes(np.zeros(problem.unit.root.shape[1]), problem.start)
+    means = np.zeros(problem.unit.root.shape[1]), problem.start
+    columns, labels = columns_of(problem, data, *means)
+    return problem, columns[:, : len(labels)], labels, *problem.slopes(*means)
 
 
 @cache

@@ -12,7 +12,7 @@ from precision_pin.analyses.calibration.evaluation import predict_many
 from precision_pin.analyses.calibration.fit import Descent, Problem, _suspect_joint
 from precision_pin.analyses.calibration.noise import solve_lower
 from precision_pin.base import se3
-from precision_pin.model.pose_model import AT_ONCE, arm_tangents
+from precision_pin.model.pose_model import AT_ONCE, Tables, of_one_layout
 
 SOCKETS = ((0.3, 0.1, 0.2), (0.1, -0.3, 0.4))
 PLACES = {
@@ -33,8 +33,8 @@ def check_close(values, expected):
 def test_derivatives_of_many_poses_are_those_of_each(model, count):
     arm = model().bare
     models, x = list(arm.at_columns(random_poses(4, count, 2))), arm.space.sample(3, 0, 1)
-    parts = list(arm_tangents(models, x[:, 0]))
-    errors, slopes = (np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True))
+    parts = [Tables.of(chunk).tangent(x[:, 0]) for chunk in of_one_layout(models)]
+    errors, slopes = (np.concatenate([getattr(p, name) for p in parts], axis=-1) for name in ("error", "jacobian"))
     expected = [at.exact(x)[:, 0] for at in models]
     check_close(errors.T, np.array(expected))
     each = [at.jacobian_at(x[:, 0], error) for at, error in zip(models, expected, strict=True)]
@@ -76,7 +76,7 @@ def test_noise_at_stations_of_different_sizes_is_that_of_each():
     kept = problem.without([3, 7])
     for part in (problem, kept):
         for station, places, noise, root in zip(
-            part.stations, part.places, part.noise.covariances, part.roots, strict=True
+            part.each_station(), part.places, part.noise.covariances, part.roots, strict=True
         ):
             error = station.at.error_at_means
             by_error = FREE.slopes(station.at.posture.pose, error, part.start).error
@@ -153,7 +153,9 @@ def test_the_suspect_joint_is_that_of_the_dense_projector():
     name, ratio = _suspect_joint(problem, fit)
     white, projector = problem.whiten(problem.residuals(fit.z, fit.nuisances)), fit.estimator.residual_projector()
     values, expected = np.zeros((2, 4))
-    for station, places, span, root in zip(problem.stations, problem.places, problem.spans, problem.roots, strict=True):
+    for station, places, span, root in zip(
+        problem.each_station(), problem.places, problem.spans, problem.roots, strict=True
+    ):
         by_error = FREE.slopes(station.at.posture.pose, station.at.error_at_means, fit.nuisances).error
         for row in station.rows:  # each reading is a visit
             is_of_row = (places[0] == row)[:, None]

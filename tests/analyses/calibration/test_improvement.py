@@ -109,12 +109,12 @@ def test_groups_that_share_errors_are_fewer_trials():
     problem = Problem.of(model, read_data(model, (q, readings_of(model, q, free)), (free,)))[0]
     z, groups, size = np.zeros(problem.unit.root.shape[1]), np.arange(16) // 2, 6
     estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
-    columns = []
+    columns, through = [], problem.through(estimator.leverage_root())
     for white in estimator.residual_projector():
         residuals = np.zeros_like(problem.readings)
         for places, span, root in zip(problem.places, problem.spans, problem.roots, strict=True):
             residuals[places] = root @ white[span]
-        found = leave_out(problem, estimator, estimator, residuals, groups)
+        found = leave_out(problem, [through], residuals, groups)
         columns.append(found.values.ravel())
     # residuals hold y have the covariance hold, of which the map is taken here: hold hold⁺ hold
     left = np.array(columns).T

@@ -328,7 +328,7 @@ def calibrate(
     chance = fitting.chance_of(fit.chi_square, fit.degrees_of_freedom, noise, repeated)
     residuals = problem.residuals(fit.z, fit.nuisances)
     groups = groups_of(readings, np.array(model.chain.prismatic))
-    left_out = fitting.leave_out(clean, fit.estimator, fit.local, fit.residuals, groups)
+    left_out = fitting.leave_out(clean, clean.throughs(fit.estimator, fit.local), fit.residuals, groups)
     set_up_fit = SetUpAlone.of(clean)
     std_free = min((std.degrees_of_freedom for std in noise.values() if std.decided_by == "repeats"), default=KNOWN_STD)
     grouped_by: Literal["poses", "groups"] = "groups" if readings.group.size else "poses"
@@ -336,8 +336,9 @@ def calibrate(
     unit, estimator = problem.unit, fit.estimator
     predicted = problem.reading_deviations(fit)
     is_gross = np.isin(np.arange(len(readings)), list(distances))[:, None]
-    slopes = clean.slopes(fit.z, fit.nuisances, plain=True)
-    identifiability = design.of_stack(unit.names, *slopes, clean.instruments.nuisances, len(readings) - len(distances))
+    plain_slopes, weighed = clean.slopes(fit.z, fit.nuisances, plain=True), len(readings) - len(distances)
+    identifiability = design.of_stack(unit.names, *plain_slopes, clean.instruments.nuisances, weighed)
+    del plain_slopes  # as large as the fit
     design.check_identifiable(identifiability)
     evidence = Evidence.of(clean, fit, readings, None if chance is None else std_free)
     causes, gains = find_causes(evidence, groups), find_gains(evidence, readings, groups)
@@ -723,7 +724,8 @@ def judge(
     ``std_degrees`` are the degrees of freedom of the standard deviation, apart from these readings.
     """
     residuals = set_up_fit.residuals
-    before = fitting.leave_out(problem, set_up_fit.estimator, set_up_fit.estimator, residuals, groups)
+    through = problem.through(set_up_fit.estimator.leverage_root())
+    before = fitting.leave_out(problem, [through], residuals, groups)
     common = np.flatnonzero(before.is_predicted & after.is_predicted)
     if not common.size:
         return None

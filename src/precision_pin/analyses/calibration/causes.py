@@ -20,7 +20,7 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator
-from precision_pin.analyses.calibration.fit import LEVEL, Fit, Leverage, Problem, leave_out
+from precision_pin.analyses.calibration.fit import LEVEL, Fit, Problem, leave_out
 from precision_pin.analyses.calibration.forecast import normal_interval
 from precision_pin.analyses.number_law import tail
 from precision_pin.base.arrays import Array, Record
@@ -33,7 +33,9 @@ AS_LIKELY: Final = 20.0
 _KNOWN: Final = 0.999
 """Cosine to a number of the sheet above which a cause counts as this number."""
 _UNSEEN: Final = 1e-9
-"""Share of a direction that set-up and arm must leave for it to be tested."""
+"""Share of a direction that set-up and arm must leave for it to be tested, and square of a tolerance's effect, in variances."""
+_ROUNDED: Final = 9
+"""Decimal places of a torque, N*m: the axis of a joint that carries nothing has rounding only."""
 _VARIANCES: Final = np.logspace(-3, 8, 111)
 """Variances of amplitudes at which the likelihood is evaluated, over the mean variance of their estimates."""
 
@@ -133,8 +135,8 @@ def weigh(columns: NDArray[np.intp], of: Scores) -> CauseScore:
     return CauseScore(columns, chance, float(gains.max()), spread @ scores, spread @ vectors.T, std)
 
 
-def columns_of(problem: Problem, data: CalibrationData, nuisances: Array) -> tuple[Array, list[Label]]:
-    """Return the whitened readings ``(M, C)`` per unit of every cause, and what the causes are."""
+def columns_of(problem: Problem, data: CalibrationData, z: Array, nuisances: Array) -> tuple[Array, list[Label]]:
+    """Return the whitened readings per unit of every cause, and then of every number of the sheet, and what the causes are."""
     chain, q = problem.model.chain, data.q
     joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
     labels = [
@@ -153,23 +155,36 @@ def columns_of(problem: Problem, data: CalibrationData, nuisances: Array) -> tup
     clocks = [visit / max(first_rows.size - 1, 1) - 0.5]
     clocks += [data.temperature - data.temperature.mean()] if data.temperature.size else []
     unsettled = data.speed if data.speed.size else steps[:, visit]
-    by_error, changes = problem.at_means(nuisances)[1], np.zeros((*problem.readings.shape, len(labels)))
+    jacobians, torques, points = _statics(problem)
+    signs, by_error = np.sign(torques) / 2, problem.at_means(nuisances)[1]
+    # whitened for one joint after another: all at once would need twice the memory
+    columns = np.empty((problem.spans[-1].stop, len(labels) + problem.unit.columns.size))
+
+    def fill(first: int, errors: Array) -> None:
+        columns[:, first : first + errors.shape[2]] = problem.whiten(by_error @ errors)
+
+    for k in range(len(q)):
+        shapes = [np.ones(q.shape[1]), *waves[:, k], motion_signs[k] / 2, signs[:, k], torques[:, k], unsettled[k]]
+        fill(k * len(shapes), jacobians[:, :, k, None] * np.column_stack(shapes)[:, None])
+    shifts = np.concatenate([np.broadcast_to(np.eye(6, 3), (len(points), 6, 3)), np.eye(6, 3) @ points[:, :, None]], 2)
+    for number, clock in enumerate(clocks):
+        fill(len(q) * len(OF_JOINTS) + number * shifts.shape[2], clock[:, None, None] * shifts)
+    columns[:, len(labels) :] = problem.slopes(z, nuisances, plain=True)[0]
+    return columns, labels
+
+
+def _statics(problem: Problem) -> tuple[Array, Array, Array]:
+    """Return the joints' Jacobian ``(P, 6, n)``, the torques on joints at the means ``(P, n)`` and the tip ``(P, 3)``."""
+    count, joints = len(problem.readings), len(problem.model.chain.joints)
+    jacobians, torques, points = np.zeros((count, 6, joints)), np.zeros((count, joints)), np.zeros((count, 3))
     share = cache(lambda factors: float(at_means({factors: 1.0}, problem.model.space)))
-    for station in problem.stations:
-        posture = station.at.posture
-        by_factors = [posture.torque_on(k) for k in range(len(q))]
-        torque = np.array(
-            [sum(float(part) * share(factors) for factors, part in parts.items()) for parts in by_factors]
-        )
-        for row in station.rows:
-            by_load = np.sign(torque.round(9)) / 2
-            by_motion = motion_signs[:, row] / 2
-            shapes = np.array([0 * torque + 1, *waves[:, :, row], by_motion, by_load, torque, unsettled[:, row]]).T
-            shifts = np.column_stack([np.eye(6, 3), np.eye(6, 3) @ posture.pose[:3, 3]])
-            by_clock = [shifts * clock[row] for clock in clocks]
-            error = np.hstack([(posture.joint_jacobian[:, :, None] * shapes).reshape(6, -1), *by_clock])
-            changes[row] = by_error[row] @ error
-    return problem.whiten(changes), labels
+    for station in problem.each_station():
+        posture, rows = station.at.posture, list(station.rows)
+        jacobians[rows], points[rows] = posture.joint_jacobian, posture.pose[:3, 3]
+        torques[rows] = [
+            sum(float(part) * share(factors) for factors, part in posture.torque_on(k).items()) for k in range(joints)
+        ]
+    return jacobians, torques.round(_ROUNDED), points
 
 
 def rank(
@@ -229,12 +244,12 @@ class Evidence:
             # parameters that are not estimated have their prior, all others none
             fixed_columns = np.hstack([estimator.by_nuisance, estimator.by_z @ estimator.basis])
             estimator = Estimator.of(estimator.by_z, fixed_columns, has_prior=True)
-        columns, labels = columns_of(problem, data, fit.nuisances)
+        columns, labels = columns_of(problem, data, fit.z, fit.nuisances)
         new, root = len(labels), estimator.leverage_root()
-        columns = np.hstack([columns, problem.slopes(fit.z, fit.nuisances, plain=True)[0]])
         gram, through, residuals = columns.T @ columns, root.T @ columns, readings - root @ (root.T @ readings)
         information, squares = gram - through.T @ through, np.diag(gram)
         is_usable = np.diag(information) > _UNSEEN * squares
+        is_usable[new:] &= squares[new:] > _UNSEEN
         is_usable[:new] &= (gram[:new, new:] ** 2 <= _KNOWN**2 * np.outer(squares[:new], squares[new:])).all(axis=1)
         labels += [(TOLERANCE, name, "prior std") for name in problem.unit.names]
         total, degrees = float(readings @ residuals), len(readings) - estimator.nuisance_rank
@@ -254,11 +269,12 @@ def find_causes(evidence: Evidence, groups: NDArray[np.intp]) -> list[Cause]:
     ``groups`` tell which readings are left out together, ``(P,)``.
     """
     problem, root, causes = evidence.problem, evidence.root, []
-    fit = Leverage(root)
-    for candidate in evidence.likely if evidence.chance <= FALSE_ALARMS else []:
+    likely = evidence.likely if evidence.chance <= FALSE_ALARMS else []
+    throughs = [problem.through(root)] if likely else []
+    for candidate in likely:
         white = evidence.columns[:, candidate.columns] @ candidate.mean
         effect = problem.noise.colour(white - root @ (root.T @ white))
-        without = leave_out(problem, fit, fit, effect, groups)
+        without = leave_out(problem, throughs, effect, groups)
         shifts = without.values[without.is_predicted, :3]
         kind, joint, is_shared = evidence.owner(candidate)
         of_joint = [evidence.labels[k][1] == joint for k in candidate.columns]

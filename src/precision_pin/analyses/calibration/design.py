@@ -34,7 +34,7 @@ from threadpoolctl import threadpool_limits
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.drift import Remainder, drift_ahead
 from precision_pin.analyses.calibration.noise import Common
-from precision_pin.analyses.readings import Station, measurement_of, stations_of
+from precision_pin.analyses.readings import Station, each_station, measurement_of, stations_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
 from precision_pin.base.arrays import Array, Keys, Record
@@ -202,9 +202,7 @@ def stack_at_means(
         slopes = measurement.slopes(pose, error, zero)
         points[rows] = measurement.predict(pose, error[:, None], zero[:, None])[:, 0]
         derivatives = np.hstack([slopes.error @ station.at.jacobian[:, unit.columns] @ unit.root, slopes.nuisances])
-        by_error, visits = np.tile(slopes.error, (len(rows), 1)), np.repeat(np.arange(len(rows)), measurement.size)
-        instrument: Array = factor**2 * measurement.covariance(pose)
-        root = station.noise_root(by_error, scipy.linalg.block_diag(*[instrument] * len(rows)), visits)
+        root = root_ahead(station, measurement, slopes.error, factor)
         white = scipy.linalg.solve_triangular(root, np.tile(derivatives, (len(rows), 1)), lower=True)
         parts = np.split(white.reshape(len(rows), measurement.size, -1), [unit.root.shape[1]], axis=2)
         by_z[rows], by_nuisance[rows] = parts
@@ -212,6 +210,18 @@ def stack_at_means(
     single_part, deviations = np.zeros(count, dtype=np.intp), np.full(count, factor * measurement.std)
     unseen = Instruments((measurement,)).unseen_turns(single_part, points, deviations)
     return ReadingsAhead(by_z, without(by_nuisance, unseen), by_shift, measurement, factor)
+
+
+def root_ahead(station: Station, measurement: Measurement, by_error: Array, factor: float = 1.0) -> Array:
+    """Return the root of the noise of readings to be taken at a station, each at a visit of its own.
+
+    ``by_error`` ``(m, 6)`` are the derivatives of a reading by the tip's error; deviations are the instrument's times
+    ``factor``.
+    """
+    count = len(station.rows)
+    instrument: Array = factor**2 * measurement.covariance(station.at.posture.pose)
+    visits = np.repeat(np.arange(count), measurement.size)
+    return station.noise_root(np.tile(by_error, (count, 1)), scipy.linalg.block_diag(*[instrument] * count), visits)
 
 
 def _shifts(root: Array, readings: int, size: int) -> Array:
@@ -687,17 +697,15 @@ class Instruments:
         return Slopes(part_slopes.error, by_nuisance)
 
 
-def stations_of_data(model: ErrorModel, data: CalibrationData) -> tuple[Station, ...]:
-    """Return a station for each different pose and load."""
+def stations_of_data(model: ErrorModel, data: CalibrationData) -> Iterator[Station]:
+    """Yield a station for each different pose and load."""
     loads = [part.load for part in data.measurements]
     load_of_row = np.array([loads.index(load) for load in loads])[data.part]
-    return tuple(
-        Station(station.at, tuple(rows[list(station.rows)].tolist()))
-        for k, rows in ((k, np.flatnonzero(load_of_row == k)) for k in np.unique(load_of_row))
-        for station in stations_of(
-            model, data.q[:, rows], data.measurements[k], data.approaches[:, rows] if data.approaches.size else None
-        )
-    )
+    for k in np.unique(load_of_row).tolist():
+        rows = np.flatnonzero(load_of_row == k)
+        approaches = data.approaches[:, rows] if data.approaches.size else None
+        for station in each_station(model, data.q[:, rows], data.measurements[k], approaches):
+            yield Station(station.at, tuple(rows[list(station.rows)].tolist()))
 
 
 @dataclass(frozen=True, eq=False)

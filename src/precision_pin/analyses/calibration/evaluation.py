@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from functools import cached_property
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
-from precision_pin.model.pose_model import arm_tangents, tangents
+from precision_pin.model.pose_model import PoseModel, Tables, of_one_layout
 from precision_pin.sheet.measurement import Measurement
 
 
@@ -93,34 +92,41 @@ class Point(NamedTuple):
 class Evaluation:
     """The exact model at the stations of P readings; the last point is kept, since fits without some readings share it.
 
+    Of the models only their tables stay in memory.
+
     Attributes:
+        rows: Numbers of the readings at each station.
         poses: Nominal tip of each station, ``(S, 4, 4)``.
         station: Number of the station of each reading, ``(P,)``, -1 for none.
+        at_means: The error at the means at each station, ``(S, 6)``, and its covariances by numbers of scope visit and pose.
     """
 
     def __init__(
-        self, space: Space, instruments: Instruments, stations: Sequence[Station], part: NDArray[np.intp]
+        self, space: Space, instruments: Instruments, stations: Iterable[Station], part: NDArray[np.intp]
     ) -> None:
-        self._space, self._instruments, self._part = space, instruments, part
+        self._instruments, self._part, self._tables = instruments, part, list[Tables]()
         self._shape = len(part), max(measurement.size for measurement in instruments.parts)
-        self._models = [station.at for station in stations]
-        self.poses = np.array([at.posture.pose for at in self._models]).reshape(-1, 4, 4)
+        rows, poses, errors, covariances = [], [], [], {scope: list[Array]() for scope in (Scope.VISIT, Scope.POSE)}
+
+        def models() -> Iterator[PoseModel]:
+            for station in stations:
+                rows.append(station.rows)
+                yield station.at
+
+        for chunk in of_one_layout(models()):
+            self._tables.append(Tables.of(chunk))
+            poses += [at.posture.pose for at in chunk]
+            tangent = self._tables[-1].tangent(space.mean)
+            errors.append(tangent.error.T)
+            for scope, parts in covariances.items():
+                parts.append(scope_covariances(space, scope, _first(tangent.jacobian)))
+        self.rows, self.poses = tuple(rows), np.array(poses).reshape(-1, 4, 4)
+        self.at_means = np.concatenate(errors), {scope: np.concatenate(parts) for scope, parts in covariances.items()}
         self.station = np.full(len(part), -1)
-        for number, station in enumerate(stations):
-            self.station[list(station.rows)] = number
+        for number, of_station in enumerate(self.rows):
+            self.station[list(of_station)] = number
         self._rows = np.argsort(self.station, kind="stable")
         self._last: tuple[bytes, Point] = (b"", Point(self.poses, self.poses))
-
-    @cached_property
-    def at_means(self) -> tuple[Array, dict[Scope, Array]]:
-        """The error at the means at each station, ``(S, 6)``, and its covariances by numbers of scope visit and pose."""
-        errors, covariances = [], dict[Scope, list[Array]]()
-        for chunk in tangents(self._models):
-            errors.append(chunk.error.T)
-            for scope in (Scope.VISIT, Scope.POSE):
-                covariance = scope_covariances(self._space, scope, _first(chunk.jacobian))
-                covariances.setdefault(scope, []).append(covariance)
-        return np.concatenate(errors), {scope: np.concatenate(parts) for scope, parts in covariances.items()}
 
     def predictions_at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
         """Return predictions ``(P, m)`` and derivatives by the tip's error and the nuisances, with the means of the sheet."""
@@ -138,15 +144,16 @@ class Evaluation:
         if self._last[0] != key:
             first, count = 0, components.size
             point = Point(np.zeros(self._shape), np.zeros((*self._shape, count + nuisances.size)))
-            for errors, jacobian in arm_tangents(self._models, x):
-                by_component = _first(jacobian[:, components])
-                for rows, columns, of_rows in self._predict(errors.T, first, nuisances):
+            for tables in self._tables:
+                tangent = tables.tangent(x)
+                by_component = _first(tangent.jacobian[:, components])
+                for rows, columns, of_rows in self._predict(tangent.error.T, first, nuisances):
                     size = of_rows.values.shape[1]
                     point.values[rows, :size] = of_rows.values
                     slopes = of_rows.by_error @ by_component[self.station[rows] - first]
                     point.derivatives[rows, :size, :count] = slopes
                     point.derivatives[rows[:, None], :size, count + columns] = of_rows.by_nuisance.swapaxes(1, 2)
-                first += errors.shape[1]
+                first += len(by_component)
             self._last = key, point
         return self._last[1]
 

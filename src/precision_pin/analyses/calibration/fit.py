@@ -12,7 +12,7 @@ readings at one pose hold no error of the model: where there are enough of them 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress, pairwise
@@ -78,7 +78,9 @@ class Problem:
     """Readings ``(P, m)`` to fit, as :meth:`Measurement.predict` returns them, and where the fit begins.
 
     Attributes:
+        model, data: The arm, and all readings as they were given.
         instruments, part: The measurements, and the number of that of each reading, ``(P,)``.
+        stations: Numbers of the readings at each station.
         readings: ``(P, m)``; a reading of fewer numbers has zeros beyond them, as its residuals and covariance have.
         instrument: Covariance of the instrument, ``(P, m, m)``, in the axes of ``readings``.
         visit: Readings of one visit were taken together, ``(P,)``.
@@ -88,8 +90,9 @@ class Problem:
     """
 
     model: ErrorModel
+    data: CalibrationData
     instruments: Instruments
-    stations: tuple[Station, ...]
+    stations: tuple[tuple[int, ...], ...]
     readings: Array
     instrument: Array
     part: NDArray[np.intp]
@@ -102,8 +105,7 @@ class Problem:
     def of(cls, model: ErrorModel, data: CalibrationData) -> tuple[Problem, tuple[Array, ...]]:
         """Return the problem of all readings, and of each measurement the first guess of the base in its axes, ``(4, 4)``."""
         instruments = Instruments(data.measurements)
-        stations = stations_of_data(model, data)
-        evaluation = Evaluation(model.space, instruments, stations, data.part)
+        evaluation = Evaluation(model.space, instruments, stations_of_data(model, data), data.part)
         errors = evaluation.at_means[0]
         tips = np.array([se3.displaced(*pair) for pair in zip(evaluation.poses, errors, strict=True)])
         poses, tips = evaluation.poses[evaluation.station], tips[evaluation.station]
@@ -113,7 +115,7 @@ class Problem:
         rotations = np.array([base[:3, :3].T for base in bases])[data.part]
         common = common_factors(data.sessions, readings.shape, rotations)
         return cls(
-            model, instruments, stations, readings, noise, data.part, data.visit, start, evaluation, common
+            model, data, instruments, evaluation.rows, readings, noise, data.part, data.visit, start, evaluation, common
         ), bases
 
     @cached_property
@@ -145,7 +147,7 @@ class Problem:
     @cached_property
     def places(self) -> tuple[Places, ...]:
         """Row and column in the readings of every number read at a station, in the order of its whitened numbers."""
-        station_rows = ((np.array(station.rows), self.sizes[list(station.rows)]) for station in self.stations)
+        station_rows = ((np.array(rows), self.sizes[list(rows)]) for rows in self.stations)
         return tuple((np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])) for rows, sizes in station_rows)
 
     @cached_property
@@ -189,7 +191,7 @@ class Problem:
         try:
             return Noise(self.readings.shape, blocks, covariances, self.common)
         except np.linalg.LinAlgError:
-            for station, places in zip(self.stations, self.places, strict=True):
+            for station, places in zip(self.each_station(), self.places, strict=True):
                 station.noise_root(by_error[places], self.instrument_at(places), self.visit[places[0]])
             raise
 
@@ -206,7 +208,7 @@ class Problem:
     @cached_property
     def unseen_turns(self) -> Array:
         """Rotations of bases that the readings do not determine, ``(k, f)``."""
-        rows = [row for station in self.stations for row in station.rows]
+        rows = [row for of_station in self.stations for row in of_station]
         return self.instruments.unseen_turns(self.part[rows], self.readings[rows], self.deviations[rows, 0])
 
     @cached_property
@@ -222,8 +224,17 @@ class Problem:
 
     def without(self, rows: Collection[int]) -> Problem:
         """Return the problem without some readings, which keep their places in the arrays."""
-        reduced = (Station(part.at, tuple(row for row in part.rows if row not in rows)) for part in self.stations)
-        return replace(self, stations=tuple(part for part in reduced if part.rows))
+        reduced = (tuple(row for row in of_station if row not in rows) for of_station in self.stations)
+        return replace(self, stations=tuple(of_station for of_station in reduced if of_station))
+
+    def each_station(self) -> Iterator[Station]:
+        """Yield each station with its model, made anew: those of many poses would fill the memory."""
+        remaining = iter(self.stations)
+        rows = next(remaining, ())
+        for station in stations_of_data(self.model, self.data):
+            if rows and rows[0] in station.rows:
+                yield Station(station.at, rows)
+                rows = next(remaining, ())
 
     def _point(self, z: Array, nuisances: Array) -> Point:
         x = self.unit.components(self.model.space, z[:, None])[:, 0]
@@ -234,7 +245,7 @@ class Problem:
         return self._less(self._point(z, nuisances).values)
 
     def _less(self, values: Array) -> Array:
-        result, rows = np.zeros_like(self.readings), np.concatenate([station.rows for station in self.stations])
+        result, rows = np.zeros_like(self.readings), np.concatenate(self.stations)
         for number, part in enumerate(self.instruments.parts):
             of_part = rows[self.part[rows] == number]
             readings, predicted = (array[of_part, : part.size].T for array in (self.readings, values))
@@ -251,10 +262,19 @@ class Problem:
         root = np.diag(self.unit.std) if plain else self.unit.root
         return self.whiten(by_number @ root), without(self.whiten(by_nuisance), self.unseen_turns)
 
+    def through(self, leverage_root: Array) -> Array:
+        """Return ``T = R^(-1/2)ᵀ Q`` of a fit ``(M, k)`` by Q of :meth:`Estimator.leverage_root`, beside what stations share."""
+        pulled, shared = self.noise.pull(leverage_root), self.noise.precision_root
+        return np.hstack([pulled, shared]) if shared.shape[1] else pulled
+
+    def throughs(self, estimator: Estimator, local: Estimator) -> list[Array]:
+        """Return T of estimators, once of equal ones."""
+        return [self.through(part.leverage_root()) for part in dict.fromkeys((estimator, local))]
+
     @property
     def spread(self) -> float:
         """Standard deviation of the places of the nominal tip along each axis, m."""
-        points = self.evaluation.poses[self.evaluation.station[[station.rows[0] for station in self.stations]], :3, 3]
+        points = self.evaluation.poses[self.evaluation.station[[rows[0] for rows in self.stations]], :3, 3]
         return float(np.sqrt(((points - points.mean(axis=0)) ** 2).mean()))
 
     @cached_property
@@ -385,6 +405,7 @@ class Descent:
         self._white, self._cost = self._evaluate(self._z, self._nuisances)
         self._last_estimator: Estimator | None = None
         self._size, self._is_settled = np.inf, False
+        self._settled_fit: Fit | None = None
 
     def _evaluate(self, z: Array, nuisances: Array) -> tuple[Array, float]:
         """Return whitened residuals, and the cost."""
@@ -404,7 +425,12 @@ class Descent:
                 f"the fit has not settled after {steps} steps; check the units of the data, the target and the base of the "
                 "measurement"
             )
-        return self._estimate()
+        if self._settled_fit is not None:
+            return self._settled_fit
+        fit = self._estimate()
+        if self._is_settled:
+            self._settled_fit = fit
+        return fit
 
     def _step(self) -> None:
         self.steps += 1
@@ -433,6 +459,7 @@ class Descent:
 
     def _estimate(self) -> Fit:
         problem, z, nuisances, white, cost = self.problem, self._z, self._nuisances, self._white, self._cost
+        self._last_estimator = None  # as large as the new one
         estimator = self._estimator()
         residuals = problem.residuals(z, nuisances)
         degrees = len(white) - estimator.nuisance_rank - (0 if self.has_prior else estimator.basis.shape[1])
@@ -444,40 +471,22 @@ class Descent:
             if at_bounds:  # numbers at a bound do not follow the readings
                 local = Estimator.of(estimator.by_z[:, ~is_at_bound], estimator.by_nuisance, has_prior=True)
         without_bounds = estimator.estimate(white, z) if at_bounds else z
-        left_out = leave_out(problem, estimator, local, residuals, np.arange(len(residuals)))
+        throughs = problem.throughs(estimator, local)
+        left_out = leave_out(problem, throughs, residuals, np.arange(len(residuals)))
         return Fit(
             z, nuisances, without_bounds, estimator, cost, degrees, residuals, local, left_out, self.steps, at_bounds
         )
 
 
-class Leverage(NamedTuple):
-    """A linear fit by the root of its leverage, as of :meth:`Estimator.leverage_root`."""
-
-    root: Array
-
-    def leverage_root(self) -> Array:
-        """Return the root."""
-        return self.root
-
-
-def leave_out(
-    problem: Problem,
-    estimator: Estimator | Leverage,
-    local: Estimator | Leverage,
-    residuals: Array,
-    groups: NDArray[np.intp],
-) -> LeftOut:
+def leave_out(problem: Problem, throughs: Sequence[Array], residuals: Array, groups: NDArray[np.intp]) -> LeftOut:
     """Return readings less the prediction of a fit without their group, from residuals ``(P, m)`` and groups ``(P,)``.
 
-    With T = R^(-1/2)ᵀ Q and Q of :meth:`Estimator.leverage_root`, those of a group are the inverse of its block of R⁻¹ - T Tᵀ
-    times its rows of R⁻¹ r, and that inverse is their covariance; R⁻¹ is that of the stations less what these share. They are
-    those of ``local``, their covariance that of ``estimator``: a number that stops at a bound follows no reading, but is not
-    known.
+    With T of :meth:`Problem.through`, those of a group are the inverse of its block of R⁻¹ - T Tᵀ times its rows of R⁻¹ r, and
+    that inverse is their covariance; R⁻¹ is that of the stations less what these share. The last of ``throughs`` is of the fit
+    that left the residuals, the first of what is known: a number that stops at a bound follows no reading, but is not known.
     """
-    shape, parts = residuals.shape, [estimator, *([] if local is estimator else [local])]
+    shape = residuals.shape
     pull, (noise, place, station) = problem.noise.pull(problem.whiten(residuals)), problem.noise.precision
-    shared_root = problem.noise.precision_root
-    throughs = [np.hstack([problem.noise.pull(part.leverage_root()), shared_root]) for part in parts]
     rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
     result = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
     shared, squares, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
@@ -576,8 +585,7 @@ def model_warnings(problem: Problem, fit: Fit, chance: float | None, *, has_prio
 def _visit_numbers(problem: Problem) -> Iterator[NDArray[np.bool_]]:
     """Yield which readings ``(P,)`` were taken at the first visit of their pose, at the second, and so on."""
     number = np.full(len(problem.readings), -1)
-    for station in problem.stations:
-        rows = list(station.rows)
+    for rows in map(list, problem.stations):
         number[rows] = np.unique(problem.visit[rows], return_inverse=True)[1]
     yield from (number == k for k in range(number.max() + 1))
 
@@ -588,7 +596,7 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     count = len(problem.model.chain.joints)
     values, expected = np.zeros((2, count))
     by_error, by_joint = problem.at_means(fit.nuisances)[1], np.zeros((*problem.readings.shape, count))
-    for station, places in zip(problem.stations, problem.places, strict=True):
+    for station, places in zip(problem.each_station(), problem.places, strict=True):
         by_joint[places] = by_error[places] @ station.at.posture.joint_jacobian
     starts = [span.start for span in problem.spans]
     for visit in _visit_numbers(problem):
@@ -751,7 +759,7 @@ def estimate_std(
         point, bounds = largest_likelihood(pure, maximum)
         dof = pure.information(point)
         estimates = [(point, bounds, dof, "repeats") if dof[k] >= ENOUGH else pool for k, pool in enumerate(estimates)]
-    result, rows = {}, [row for station in problem.stations for row in station.rows]
+    result, rows = {}, np.concatenate(problem.stations)
     for k, ((name, mask), (point, bounds, dof, source)) in enumerate(zip(kinds.items(), estimates, strict=True)):
         stated = float(np.sqrt((problem.deviations[rows][mask[rows]] ** 2).mean()))
         low, high, std, std_of_all = (stated * float(np.exp(value)) for value in (*bounds[k], point[k], of_all[k]))

@@ -19,8 +19,7 @@ from scipy import special
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, scope_covariances
-from precision_pin.analyses.calibration.evaluation import Evaluation
-from precision_pin.analyses.calibration.fit import LEVEL, Problem
+from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.readings import measurement_of, simulate_readings, stations_of, with_later_draws
@@ -629,14 +628,15 @@ def simulate_calibrations(
         raise InputError("simulated calibrations are those of an instrument without drift")
     by_z, by_nuisance = map(design.flat, design.stack_at_means(stations, unit, measurement)[:2])
     estimator = design.Estimator.of(by_z, by_nuisance, has_prior=True)
-    noise = np.zeros((len(readings), measurement.size, measurement.size))
-    for station in stations:
-        noise[list(station.rows)] = measurement.covariance(station.at.posture.pose)
-    indices = np.zeros(len(readings), dtype=np.intp), np.arange(len(readings))
-    instruments, start = design.Instruments((measurement,)), np.zeros(by_nuisance.shape[1])
-    evaluation = Evaluation(model.space, instruments, stations, indices[0])
-    common = np.zeros((*noise.shape[:2], 0))
-    roots = Problem(model, instruments, stations, readings, noise, *indices, start, evaluation, common).roots
+    zero = np.zeros(by_nuisance.shape[1])
+    roots = [
+        design.root_ahead(
+            station,
+            measurement,
+            measurement.slopes(station.at.posture.pose, station.at.error_at_means, zero).error,
+        )
+        for station in stations
+    ]
     z, nuisances = np.zeros((unit.root.shape[1], robots)), np.zeros((by_nuisance.shape[1], robots))
 
     def whitened_residuals() -> Array:

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy import stats
 
 from precision_pin.analyses.calibration.causes import Cause, Evidence, labelled
 from precision_pin.analyses.calibration.data import READ, CalibrationData
-from precision_pin.analyses.calibration.fit import LEVEL, LeftOut, Leverage, leave_out
+from precision_pin.analyses.calibration.fit import LEVEL, LeftOut, leave_out
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, some
@@ -73,24 +72,24 @@ def find_gains(evidence: Evidence, data: CalibrationData, groups: NDArray[np.int
     """
     problem, fit = evidence.problem, evidence.fit
     root, residuals = fit.local.leverage_root(), problem.whiten(fit.residuals)
-    before = leave_out(problem, fit.local, fit.local, fit.residuals, groups)
-    gains = []
+    through_fit, gains = problem.through(root), []
+    before = leave_out(problem, [through_fit], fit.residuals, groups)
 
-    def add(owner: tuple[str, str, bool], leverage: Array, white: Array) -> None:
-        local = Leverage(leverage)
-        after = leave_out(problem, local, local, problem.noise.colour(white), groups)
+    def add(owner: tuple[str, str, bool], extra: Array, white: Array) -> None:
+        through = np.hstack([through_fit, problem.noise.pull(extra)])
+        after = leave_out(problem, [through], problem.noise.colour(white), groups)
         if (outcome := _compared(before, after, groups, problem.sizes)) is not None:
             gains.append(CauseGain(*owner, *outcome))
 
     for candidate in evidence.best_of_kinds.values():
         columns = candidate.std * evidence.columns[:, candidate.columns]
-        through = columns - root @ (root.T @ columns)
-        triangle = np.linalg.cholesky(np.eye(columns.shape[1]) + columns.T @ through)
-        extra = scipy.linalg.solve_triangular(triangle, through.T, lower=True).T
-        add(evidence.owner(candidate), np.hstack([root, extra]), residuals - extra @ (extra.T @ residuals))
+        left = columns - root @ (root.T @ columns)
+        triangle = np.linalg.cholesky(np.eye(columns.shape[1]) + columns.T @ left)
+        extra = left @ np.linalg.inv(triangle).T
+        add(evidence.owner(candidate), extra, residuals - extra @ (extra.T @ residuals))
     if data.q_read.size:
         shift = problem.whiten(_shift_of_read(evidence, data))
-        add((JOINTS_READ, "", True), root, residuals - shift + root @ (root.T @ shift))
+        add((JOINTS_READ, "", True), root[:, :0], residuals - shift + root @ (root.T @ shift))
     return sorted(gains, key=lambda entry: entry.after)
 
 
