@@ -129,7 +129,7 @@ class _Maker:
                 found[f"a{k}"] = self._law(self._angle_text)
         if self.random.random() < 0.3:
             self.lengths += ["d0.x", "d0.y"]
-            found["d0"] = {self.random.choice(["disc", "circle"]): self._length_text()}
+            found["d0"] = {self.random.choice(["disc", "circle", "sphere"]): self._length_text()}
         if self.random.random() < 0.3:
             self.lengths += ["j0.0", "j0.1"]
             found["j0"] = {"joint_normal": {"std": [self._length_text(), self._length_text()]}}

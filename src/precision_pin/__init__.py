@@ -5,7 +5,7 @@ Jia and Chen (MATEC Web of Conferences 35, 02013, 2015). Names are imported when
 
 Model: ErrorModel, Chain, Space, Draw, Scope, Correlation, Source, Term, sources, every_frame, specification, Measurement.
 Laws: Normal, Uniform, Triangular, TruncatedNormal, Lognormal, Arcsine, TwoPoint, Fixed, Empirical, Rows, Disc, Circle,
-JointNormal.
+Sphere, JointNormal.
 Poses: ApproachedPose, Datum, random_poses, joint_grid, place_grid, box_places, plane_places, Orientation, read_trajectory,
 inverse_kinematics, Posture, Postures, mcpc.
 Understand: monte_carlo, sample_poses, sample_approaches, relative, budget, worst_case, exact_law, reliability, moments,

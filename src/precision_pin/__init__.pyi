@@ -38,6 +38,7 @@ from .draws.laws import JointNormal as JointNormal
 from .draws.laws import Lognormal as Lognormal
 from .draws.laws import Normal as Normal
 from .draws.laws import Rows as Rows
+from .draws.laws import Sphere as Sphere
 from .draws.laws import Triangular as Triangular
 from .draws.laws import TruncatedNormal as TruncatedNormal
 from .draws.laws import TwoPoint as TwoPoint

@@ -283,7 +283,7 @@ def _spelled():
             | {"scope": "unit"}
         )
         several = not isinstance(next(iter(one.values())), str) and law.form.key in ("joint_normal", "rows")
-        if law.form.key in ("disc", "circle") or several:
+        if law.form.key in ("disc", "circle", "sphere") or several:
             yield {"frame": {"frame": "tool", "x": "p.x" if not several else "p.0"}, "p": beside}
         else:
             yield {"frame": {"frame": "tool", "x": one}}

@@ -80,6 +80,7 @@ PARTS = {
     "arcsine": pp.Arcsine(0.7),
     "disc": pp.Disc(0.9),
     "circle": pp.Circle(1.1),
+    "sphere": pp.Sphere(0.8),
     "lognormal": pp.Lognormal(0.3, 1.0),
     "two points": pp.TwoPoint(0.4, 0.1, 0.3),
     "empirical": pp.Empirical(((0, -1), (0.3, 0), (0.5, 0.2), (1, 2))),
@@ -91,7 +92,7 @@ PARTS = {
 def part_of(name):
     """Return the law of a component less its mean, and the component's direction."""
     law = PARTS[name]
-    weights = np.array([0.8, -0.3]) if law.size == 2 else np.array([-0.8])
+    weights = np.array([-0.8]) if law.size == 1 else np.array([0.8, -0.3, 0.5])[: law.size]
     return law.projection(weights), weights
 
 
@@ -130,12 +131,15 @@ def test_envelopes_bound_characteristic_functions_and_never_rise(name):
     assert (np.diff(bound) <= 1e-15).all()
 
 
-def test_disc_and_circle_from_the_side():
+def test_disc_circle_and_sphere_from_the_side():
     x = np.linspace(-0.95, 0.95, 9)
     disc, circle = pp.Disc(2.0).projection(np.array([0.3, 0.4])), pp.Circle(2.0).projection(np.array([0.3, 0.4]))
     expected = 0.5 + (x * np.sqrt(1 - x**2) + np.arcsin(x)) / math.pi
     np.testing.assert_allclose(disc.cumulative(x), expected, atol=1e-15)
     np.testing.assert_allclose(circle.cumulative(x), 0.5 + np.arcsin(x) / math.pi, atol=1e-15)
+    # Archimedes: a slice of a sphere has the area of the cylinder about it
+    sphere = pp.Sphere(2.0).projection(np.array([0.2, 0.3, -0.6]))
+    np.testing.assert_allclose(sphere.cumulative(0.7 * 2.0 * x), (1 + x) / 2, atol=1e-15)
 
 
 @pytest.mark.parametrize("names", [("disc", "circle"), ("arcsine", "lognormal"), ("uniform", "empirical")])

@@ -167,8 +167,8 @@ def test_nothing_found_is_said():
     "law",
     [
         pp.Uniform(1.0, 0.3), pp.Triangular(1.0), pp.Normal(0.5, 1.0), pp.TruncatedNormal(0.5, 0.0, 1.5),
-        pp.Arcsine(1.0), pp.Disc(2.0), pp.Circle(2.0), pp.Lognormal(0.2, 1.0), pp.TwoPoint(1.0, 0.0, 0.3),
-        pp.JointNormal(((1.0, 0.5), (0.5, 2.0))), pp.Rows(((0.0, 1.0), (2.0, -1.0), (1.0, 1.0))),
+        pp.Arcsine(1.0), pp.Disc(2.0), pp.Circle(2.0), pp.Sphere(2.0), pp.Lognormal(0.2, 1.0),
+        pp.TwoPoint(1.0, 0.0, 0.3), pp.JointNormal(((1.0, 0.5), (0.5, 2.0))), pp.Rows(((0.0, 1.0), (2.0, -1.0), (1.0, 1.0))),
     ],
     ids=lambda law: type(law).__name__,
 )  # fmt: skip

@@ -413,7 +413,7 @@ def _law_calls():
     yield call(pp.TruncatedNormal, std=1.0, k=3.0, fine={"std": NOT_NEGATIVE})
     yield call(pp.Lognormal, std=0.5, mean=1.0, fine={"std": NOT_NEGATIVE, "mean": POSITIVE})
     yield call(pp.TwoPoint, half_width=1.0, probability=0.5, fine={"centre": NUMBER, "probability": POSITIVE})
-    for law in (pp.Circle, pp.Disc):
+    for law in (pp.Circle, pp.Disc, pp.Sphere):
         yield call(law, radius=1.0)
     yield call(pp.JointNormal, {"matrix": "covariance", "centre": "mean"}, matrix=((1.0, 0.0), (0.0, 1.0)), centre=(0.0, 0.0),
                fine={"centre": EMPTY})  # fmt: skip

@@ -134,8 +134,8 @@ NOT_QUANTITIES = {
 
 UNITLESS = {
     # laws do not know what they are laws of; a sheet does
-    "Arcsine", "Circle", "Disc", "Empirical", "Fixed", "JointNormal", "Lognormal", "Normal", "Rows", "Triangular",
-    "TruncatedNormal", "TwoPoint", "Uniform",
+    "Arcsine", "Circle", "Disc", "Empirical", "Fixed", "JointNormal", "Lognormal", "Normal", "Rows", "Sphere",
+    "Triangular", "TruncatedNormal", "TwoPoint", "Uniform",
     # made by the package
     "MonteCarloResult", "PosesResult", "Chain", "Posture", "Postures",
 }  # fmt: skip

@@ -312,6 +312,7 @@ def test_laws_in_words():
     mixed = [units.LENGTH, units.ANGLE]
     assert pp.Disc(1e-4).describe([units.LENGTH] * 2) == "a point uniform over a disc of radius 0.1 mm"
     assert pp.Circle(1.0).describe([units.RATIO] * 2) == "a point uniform on a circle of radius 1"
+    assert pp.Sphere(5.0).describe([units.FORCE] * 3) == "a point uniform on a sphere of radius 5 N"
     assert pp.JointNormal(((4e-8, 3e-8), (3e-8, 9e-8))).describe(mixed) == (
         "2 numbers jointly normal, standard deviations 0 0.2 mm, 1 0.3 mrad, correlations up to 0.5"
     )

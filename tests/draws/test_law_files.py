@@ -241,7 +241,7 @@ def test_what_does_not_follow_is_said() -> None:
 # what there is -------------------------------------------------------------------------------------------------------
 
 
-BASES = {"SymmetricLaw", "BoundedLaw", "PlaneLaw", "HalfWidthLaw"}
+BASES = {"SymmetricLaw", "BoundedLaw", "RoundLaw", "HalfWidthLaw"}
 
 
 def test_the_list_of_laws_is_complete_and_each_is_tried() -> None:
@@ -252,7 +252,7 @@ def test_the_list_of_laws_is_complete_and_each_is_tried() -> None:
         if isinstance(node, ast.ClassDef) and any(ast.unparse(base) in ("Law", *BASES) for base in node.bases)
     }
     assert found - BASES == {law.__name__ for law in LAWS}
-    tried = {type(law).__name__ for law, *_ in CLOSED} | {"Fixed", "Disc", "Circle", "JointNormal", "Rows"}
+    tried = {type(law).__name__ for law, *_ in CLOSED} | {"Fixed", "Disc", "Circle", "Sphere", "JointNormal", "Rows"}
     assert tried == found - BASES
     for law in LAWS:
         assert law.__module__.startswith("precision_pin.draws.laws.")

@@ -22,6 +22,7 @@ from precision_pin import (
     Normal,
     Rows,
     Space,
+    Sphere,
     Triangular,
     TruncatedNormal,
     TwoPoint,
@@ -239,6 +240,7 @@ INTERVALS: list[tuple[Law, list[tuple[float, float]]]] = [
     (Normal(0.5, 2.0), [(2.0 - 4.3, 2.0 + 4.3)]),
     (Disc(0.5), [(-0.5, 0.5)] * 2),
     (Circle(0.5), [(-0.5, 0.5)] * 2),
+    (Sphere(0.5), [(-0.5, 0.5)] * 3),
     (JointNormal(((4.0, 0.0), (0.0, 1.0)), (1.0, 2.0)), [(1 - 17.2, 1 + 17.2), (2 - 8.6, 2 + 8.6)]),
     (Arcsine(0.5, 2.0), [(1.5, 2.5)]),
     (TwoPoint(0.5, 2.0, 0.9), [(1.5, 2.5)]),
@@ -266,9 +268,13 @@ def test_support_function_is_the_largest_over_the_support(law: Law, expected: li
         assert law.support(w) == max(float(w @ row) for row in np.array(MEASURED))
     else:
         turns = np.linspace(0, 1, 40001)
-        points = law.sample(np.array([np.full_like(turns, 1 - 2.0**-53), turns]))
+        variates = np.array([np.full_like(turns, 1 - 2.0**-53), turns])
         for w in ([1.0, 0.0], [-3.0, 4.0], [0.0, 0.0], [1e-5, -1.0]):
-            assert law.support(w) == pytest.approx(float((np.array(w) @ points).max()), rel=1e-8, abs=1e-18)
+            across = [*w, 0.7 * math.hypot(*w)][: law.size]
+            # a sphere at the height at which a direction meets it
+            shares = np.full(turns.size, 0.5 + 0.5 * across[-1] / (math.hypot(*across) or 1.0))
+            points = law.sample(np.array([*variates, shares])[: law.size])
+            assert law.support(across) == pytest.approx(float((np.array(across) @ points).max()), rel=1e-8, abs=1e-18)
 
 
 def test_a_lognormal_setting_is_positive_though_its_support_begins_at_zero() -> None:
@@ -353,10 +359,11 @@ def test_joint_normal_may_be_degenerate() -> None:
 
 # ---- what is refused, what is a constant ----
 
-SIZES: list[Callable[[float], Law]] = [Uniform, Triangular, Normal, TruncatedNormal, Disc, Circle, Arcsine, TwoPoint]
+ROUND: list[Callable[[float], Law]] = [Disc, Circle, Sphere]
+SIZES: list[Callable[[float], Law]] = [Uniform, Triangular, Normal, TruncatedNormal, *ROUND, Arcsine, TwoPoint]
 WRONG: list[tuple[Callable[[], Law], str]] = [
     *((lambda kind=kind, size=size: kind(size), " of a") for kind in SIZES for size in (-1e-300, math.nan, math.inf)),
-    *((lambda kind=kind: kind(1.0, math.nan), " of a") for kind in SIZES if kind not in (Disc, Circle)),
+    *((lambda kind=kind: kind(1.0, math.nan), " of a") for kind in SIZES if kind not in ROUND),
     (lambda: Fixed(math.inf), "finite"),
     *((lambda k=k: TruncatedNormal(1.0, 0.0, k), "k of a truncated normal") for k in (0.0, -3.0, 1e-9, math.inf)),
     *((lambda k=k: Normal.from_half_width(0.3, k=k), "k") for k in (0.0, -1.0, math.nan, math.inf)),
@@ -414,9 +421,9 @@ def test_no_spread_is_a_constant(law: Law) -> None:
 
 
 def test_radius_zero_is_the_origin() -> None:
-    for law in (Disc(0.0), Circle(0.0)):
-        np.testing.assert_array_equal(law.sample(np.array([[0.3], [0.4]])), [[0.0], [0.0]])
-        assert complex(law.characteristic([5.0, 1.0])) == 1
+    for law in (kind(0.0) for kind in ROUND):
+        np.testing.assert_array_equal(law.sample(np.array([[0.3], [0.4], [0.6]])[: law.size]), np.zeros((law.size, 1)))
+        assert complex(law.characteristic([5.0, 1.0, 2.0][: law.size])) == 1
 
 
 CONSTANT += [kind(0.0, 1.5) for kind in (Uniform, Triangular, Normal, TruncatedNormal, Arcsine, TwoPoint)]  # type: ignore[call-arg]

@@ -24,7 +24,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
 from precision_pin.draws.expressions import Component, Expression, sqrt
-from precision_pin.draws.laws import Circle, Empirical, Fixed, Law, Normal, Rows, Uniform
+from precision_pin.draws.laws import Circle, Empirical, Fixed, Law, Normal, Rows, Sphere, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, sampler
 from precision_pin.kernel.arrays import SamplerArrays
@@ -391,6 +391,7 @@ def test_laws_of_every_kind_are_split_by_scope() -> None:
         "empirical": Empirical(((0.0, 0.9), (0.5, 1.0), (1.0, 1.4))),
         "rows": Rows(((1.0, 0.2), (0.5, -0.1), (0.3, 0.7))),
         "circle": Circle(0.5),
+        "sphere": Sphere(0.5),
         "normal": Normal(0.3),
         "other": Normal(0.6),
         "uniform": Uniform(0.5),

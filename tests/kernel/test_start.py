@@ -22,7 +22,7 @@ from precision_pin.base.compile_ahead import Job, compile_jobs, shown_by, silent
 from precision_pin.base.jit import INTERPRETED, cached_entry
 from precision_pin.draws.correlation import Correlation
 from precision_pin.draws.draw import Draw, Scope
-from precision_pin.draws.laws import Arcsine, Circle, Disc, JointNormal, Lognormal, Normal, Triangular, Uniform
+from precision_pin.draws.laws import Arcsine, Circle, Disc, JointNormal, Lognormal, Normal, Sphere, Triangular, Uniform
 from precision_pin.draws.space import Space
 from precision_pin.kernel import loops, parts, sampler
 from precision_pin.kernel.parts import PARTS
@@ -116,7 +116,7 @@ def test_loops_with_rare_laws_give_the_same_bits_where_there_are_none() -> None:
 
 def test_laws_that_the_common_loops_do_not_draw_and_correlated_ones_are_known_as_rare() -> None:
     a, b = Draw("a", Normal(1.0)), Draw("b", Uniform(1.0))
-    for law in (Disc(1.0), Circle(0.7), JointNormal(((1.0,),)), Lognormal(0.3, 1.0), Arcsine(0.1)):
+    for law in (Disc(1.0), Circle(0.7), Sphere(1.0), JointNormal(((1.0,),)), Lognormal(0.3, 1.0), Arcsine(0.1)):
         assert sampler.variant_of(Space((a, Draw("b", law))), "exact") == (True, None)
     assert sampler.variant_of(Space((a, b)), "linear") == (None, True)
     assert sampler.variant_of(Space((a, b), (Correlation.pair("a", "b", 0.5),)), "exact") == (True, None)

@@ -41,6 +41,7 @@ LAWS = [
     ("{normal: {std: 0.3 mm}, truncated: true, k: 2.5}", laws.TruncatedNormal(0.3e-3, 0.0, 2.5)),
     ("{disc: 0.1 mm}", laws.Disc(1e-4)),
     ("{circle: 0.1 mm}", laws.Circle(1e-4)),
+    ("{sphere: 0.1 mm}", laws.Sphere(1e-4)),
     (
         "{joint_normal: {std: [1 mm, 2 mm]}, mean: [1 cm, -1 mm], correlation: [[1, -0.5], [-0.5, 1]]}",
         laws.JointNormal(((1e-6, -1e-6), (-1e-6, 4e-6)), (0.01, -0.001)),

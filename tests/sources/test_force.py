@@ -203,6 +203,34 @@ def test_a_random_direction_is_uniform_on_the_sphere():
     assert_allclose(run.summary.covariance[:3, :3], expected, rtol=0.04, atol=0.04 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("scope", ["unit", "visit"])
+def test_first_order_sees_a_direction_alike_along_all_axes(scope):
+    """Covariance f²/3 along every axis, a component uniform, the worst case the spectral norm: of a ball, not of a cube."""
+    chain, size = chain_of(random_arm(3), tip="tool", gravity=(0.0, 0.0, 0.0)), 500.0
+    flexible = [JointCompliance(joint=name, compliance=1e-6) for name in chain.joint_names]
+    force = Force(at="tool", magnitude=size, direction="any", scope=scope)
+    model, q = pp.ErrorModel(chain, pp.Space(), [*flexible, force]), [0.3] * len(chain.joints)
+    at = model.at(q)
+    jacobian = at.posture.joint_jacobian
+    compliance = 1e-6 * jacobian @ jacobian[:3].T
+    assert np.linalg.cond(compliance[:3]) < 1e3
+    back = np.linalg.inv(compliance[:3])
+    assert_allclose(back @ at.covariance[:3, :3] @ back.T, size**2 / 3 * np.eye(3), rtol=1e-12, atol=1e-12 * size**2)
+    assert_allclose(at.covariance, compliance @ compliance.T * size**2 / 3, rtol=1e-12, atol=1e-20)
+    reach = size * np.linalg.norm(compliance, axis=1)
+    found = pp.worst_case(model, q, samples=500).poses[0]
+    assert_allclose(
+        [[one.low, one.high] for one in found.components], np.transpose([-reach, reach]), rtol=1e-12, atol=1e-14
+    )
+    for bound, rows in ((found.position, compliance[:3]), (found.attitude, compliance[3:])):
+        farthest = size * np.linalg.norm(rows, 2)
+        assert bound.first_order.lower == pytest.approx(farthest, rel=1e-9)
+        assert farthest * (1 - 1e-12) <= bound.first_order.upper <= farthest * (1 + 1e-6)
+    law = pp.exact_law(model, q, samples=2000).poses[0].laws["position.x"].law
+    x = np.linspace(-0.9, 0.9, 7)
+    assert_allclose(law.cumulative(reach[0] * x), (1 + x) / 2, rtol=0, atol=1e-9)
+
+
 def test_a_force_of_any_direction_on_an_arm_at_rest():
     # 100,000 robots of an independent code, each at its rest: mean and standard deviation of |d|, mm
     mean, std, count = 11.931059564681284, 4.131921404596513, 100_000

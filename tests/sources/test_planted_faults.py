@@ -76,7 +76,7 @@ LAWS = (
     Fault("joint_compliance", "another joint's torque", "torque_on(joint)", "torque_on((joint - 1) % len(posture.q))"),
     Fault("force", "dead where it follows", 'self.axes != "base"', "False"),
     Fault("force", "point forgotten", "carrier.frame_at(self.point)", "carrier.frame_at((0.0, 0.0, 0.0))"),
-    Fault("force", "a cube of directions", "sqrt(1.0 - height * height)", "(1.0 - height * height)"),
+    Fault("force", "direction in other axes", 'for axis in "xyz"', 'for axis in "zxy"'),
     Fault(
         "strut",
         "one end left out",

@@ -25,6 +25,7 @@ from precision_pin.draws.laws import (
     Lognormal,
     Normal,
     Rows,
+    Sphere,
     Triangular,
     TruncatedNormal,
     TwoPoint,
@@ -59,6 +60,7 @@ LAW_SPACE = Space(
         Draw("arc", Arcsine(0.7), Scope.VISIT),
         Draw("side", TwoPoint(0.5, 0.0, 0.3), Scope.POSE),
         Draw("seen", Empirical(SLOPES), Scope.POSE),
+        Draw("sphere", Sphere(2.0), Scope.VISIT),
     ),
     (
         Correlation(("u", "n", "t", "l"), MATRIX),
@@ -161,6 +163,10 @@ def reference_unit(space: Space, seed: int, number: int, pose: int = 0, visit: i
                 values += [z.real, z.imag]
             case laws.Circle(radius=radius):
                 values += [radius * math.cos(2 * math.pi * own[1]), radius * math.sin(2 * math.pi * own[1])]
+            case laws.Sphere(radius=radius):
+                z, turn = 2 * own[2] - 1, 2 * math.pi * own[1]
+                values += [radius * math.sqrt(1 - z * z) * part for part in (math.cos(turn), math.sin(turn))]
+                values.append(radius * z)
             case law:
                 values.append(reference_quantile(law, own[0]))
     return np.array(values)

@@ -45,7 +45,7 @@ _COLUMNS: Final[Mapping[Branch, int]] = {
     "two_point": 3,
 }
 """Number of parameters that the loop of each law reads."""
-_SINGLE: Final[tuple[Branch, ...]] = ("disc", "circle")
+_SINGLE: Final[tuple[Branch, ...]] = ("disc", "circle", "sphere")
 """Laws with a single parameter."""
 _OWN: Final[tuple[Branch, ...]] = ("joint", "empirical", "table")
 """Laws with a table of parameters."""

@@ -247,6 +247,9 @@ class Draws(NamedTuple):
     circle_rows: Offsets
     circle: Array
     """``(k,)`` radius; y is in the row after x."""
+    sphere_rows: Offsets
+    sphere: Array
+    """``(k,)`` radius; y and z are in the rows after x."""
     joint_rows: Offsets
     joint_roots: Array
     """``(k, m + 3, m)`` the mean, the root of the covariance, lowest and highest values; padded to the largest m."""
@@ -731,6 +734,16 @@ def circle_law(w: Array, row: Scalar, radius: Scalar) -> None:
 
 
 @strict
+def sphere_law(w: Array, row: Scalar, radius: Scalar) -> None:
+    """Turn the last two of three rows of uniform numbers into `precision_pin.draws.laws.Sphere`."""
+    for i in range(_TILE):
+        u = w[row + _U(2) * _STRIDE + i]
+        across = (radius + radius) * np.sqrt(u * (1.0 - u))
+        w[row + _STRIDE + i], w[row + i] = sine_and_cosine(w[row + _STRIDE + i], across)
+        w[row + _U(2) * _STRIDE + i] = (radius + radius) * (u - 0.5)
+
+
+@strict
 def joint_law(w: Array, row: Scalar, size: Scalar, root: Array) -> None:
     """Turn rows of standard normal numbers into `precision_pin.draws.laws.JointNormal`."""
     # from the last row to the first, as in `correlate`
@@ -778,6 +791,8 @@ def apply_laws(w: Array, draws: Draws, rare: Wanted) -> None:
             disc_law(w, draws.disc_rows[k], draws.disc[k])
         for k in range(draws.circle_rows.size):
             circle_law(w, draws.circle_rows[k], draws.circle[k])
+        for k in range(draws.sphere_rows.size):
+            sphere_law(w, draws.sphere_rows[k], draws.sphere[k])
         for k in range(draws.joint_rows.size):
             joint_law(w, draws.joint_rows[k], draws.joint_sizes[k], draws.joint_roots[k])
         for k in range(draws.lognormal_rows.size):

@@ -11,8 +11,8 @@ import numpy as np
 from precision_pin.base.arguments import check_choice
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Scope
-from precision_pin.draws.expressions import Value, sqrt
-from precision_pin.draws.laws import Circle, Uniform
+from precision_pin.draws.expressions import Value
+from precision_pin.draws.laws import Sphere
 from precision_pin.sources.places import block_diagonal
 from precision_pin.terms import (
     Dependence,
@@ -37,8 +37,8 @@ class Force(Source):
     It loads joints, bearings and links as a payload does, ``τ_k = a_k · ((p - p_k) × F + M)`` on a joint with axis a_k
     through p_k. A force with ``axes: base`` keeps its direction when the arm deflects (a dead load); with ``link`` or
     ``tool`` it turns with the arm (a follower load). They differ only with statics: equilibrium. A force of given magnitude
-    and any direction is isotropic: ``F = f (√(1-z²) c, z)`` with z uniform on -1 to 1 and c a point of the unit circle.
-    First-order analyses see 3/2 of the variance of the two components across z, since √(1-z²) is 1 at the mean of z.
+    and any direction is ``F = f u``, u uniform on the unit sphere. First order takes f at its mean: it sees F with the
+    covariance f̄²/3 along every axis, where it is E f²/3.
 
     Attributes:
         at: The link on which it acts.
@@ -69,8 +69,7 @@ class Force(Source):
         "force": "force on {subject}",
         "moment": "moment on {subject}",
         "magnitude": "size of the force on {subject}",
-        "height": "direction of the force on {subject}, along z",
-        "across": "direction of the force on {subject}, across z",
+        "direction": "direction of the force on {subject}",
     }
 
     at: str
@@ -102,11 +101,7 @@ class Force(Source):
         """Return the numbers of a random direction; at their means the force is zero, as are other random forces."""
         if self.direction is None:
             return ()
-        scope = Scope(self.scope)
-        return (
-            Draw(f"{label}.height", Uniform(1.0), scope, (units.RATIO,)),
-            Draw(f"{label}.across", Circle(1.0), scope, (units.RATIO,) * 2),
-        )
+        return (Draw(f"{label}.direction", Sphere(1.0), Scope(self.scope), (units.RATIO,) * 3),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield nothing."""
@@ -135,9 +130,7 @@ class Force(Source):
         if self.magnitude is None:
             return space.values("force", self.force)
         size = space.positive("magnitude", self.magnitude, zero=True)
-        height = space.component("height")
-        across = size * sqrt(1.0 - height * height)
-        return across * space.component("across.x"), across * space.component("across.y"), size * height
+        return tuple(size * space.component(f"direction.{axis}") for axis in "xyz")
 
 
 def _wrench(unit: Array, value: Value) -> tuple[Array, Factors]:

@@ -66,15 +66,15 @@ def check_force(module: ModuleType) -> None:
         same(totals[JointValue(0)], [2e-4 * (0.3 * 4.0 + 1.2 * 25.0 + 1.5)], 1e-15)
     # any direction: a point of the sphere
     random = module.Force(at="tool", magnitude=Uniform(10.0, mean=50.0), direction="any")
-    names = ("magnitude", "height", "across.x", "across.y")
+    names = ("magnitude", "direction.x", "direction.y", "direction.z")
     for size, height, turn in ((45.0, 0.6, 1.0), (55.0, -0.8, -2.5)):
-        drawn = (size, height, np.cos(turn), np.sin(turn))
+        across = np.sqrt(1 - height**2)
+        drawn = (size, across * np.cos(turn), across * np.sin(turn), height)
         numbers = {f"force[tool].{name}": value for name, value in zip(names, drawn, strict=True)}
         _, totals = evaluated(chain, [0.0], [random, flexible], numbers)
         same(totals[JointValue(0)], [-2e-4 * size * height], 1e-15)
         _, totals = evaluated(chain, [np.pi / 2], [random, flexible], numbers)
-        across = size * np.sqrt(1 - height**2)
-        same(totals[JointValue(0)], [-2e-4 * across * np.cos(turn)], 1e-15)
+        same(totals[JointValue(0)], [-2e-4 * size * across * np.cos(turn)], 1e-15)
     # anywhere on any arm: a dead force of 2.5 kg of weight is that payload
     text = random_arm(15, prismatic=(4,))
     for where in ("tool", "link3", "half2", "bracket", "finger"):

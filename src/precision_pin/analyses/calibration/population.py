@@ -507,7 +507,7 @@ def _interval(likelihood: _Likelihood, scale: Array, k: int, limit: float) -> tu
     return low, float(scipy.optimize.brentq(excess, inner, high, rtol=1e-4))
 
 
-_WIDTHS: Final = ("uniform", "normal", "triangular", "arcsine", "disc", "circle", "two_point")
+_WIDTHS: Final = ("uniform", "normal", "triangular", "arcsine", "disc", "circle", "sphere", "two_point")
 """Laws whose key is a width proportional to their standard deviation."""
 _DIGITS: Final = 4
 """Significant digits of a width written into the sheet."""

@@ -494,7 +494,8 @@ def from_normals(space: Space, normals: Array) -> Array:
 
     A number is F⁻¹(Φ(u)), for correlated draws after mixing. The point of a disc lies in the direction of its two
     numbers at r √(1 - exp(-|u|²/2)), because polar coordinates would be discontinuous at one angle. The angle of a
-    circle is 4πΦ(u₁), so that every angle is reached within 0.7 of the middle. Numbers beyond ±8.2 are clipped.
+    circle is 4πΦ(u₁), so that every angle is reached within 0.7 of the middle; so is that of a
+    sphere about z, beside its height r (2Φ(u₂) - 1). Numbers beyond ±8.2 are clipped.
     """
     return Stratum(space).values(normals)
 

@@ -18,6 +18,7 @@ from precision_pin.draws.laws.law import Law
 from precision_pin.draws.laws.lognormal import Lognormal
 from precision_pin.draws.laws.measured import Empirical, JointNormal, Rows, TwoPoint
 from precision_pin.draws.laws.projection import FARTHEST_NORMAL
+from precision_pin.draws.laws.sphere import Sphere
 from precision_pin.draws.laws.symmetric import (
     Arcsine,
     Circle,
@@ -42,6 +43,7 @@ __all__ = [
     "Lognormal",
     "Normal",
     "Rows",
+    "Sphere",
     "Triangular",
     "TruncatedNormal",
     "TwoPoint",
@@ -61,6 +63,7 @@ LAWS: Final[tuple[type[Law], ...]] = (
     Empirical,
     Disc,
     Circle,
+    Sphere,
     JointNormal,
     Rows,
 )

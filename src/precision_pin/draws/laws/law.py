@@ -412,6 +412,7 @@ Branch = Literal[
     "truncated",
     "disc",
     "circle",
+    "sphere",
     "joint",
     "lognormal",
     "arcsine",

@@ -154,7 +154,9 @@ class _StraightProjection(SymmetricProjection):
 
 
 @dataclass(frozen=True)
-class _UniformProjection(_StraightProjection):
+class UniformProjection(_StraightProjection):
+    """Projection of a uniform law, or of a sphere (Archimedes)."""
+
     breaks: ClassVar = (-1.0, 1.0)
 
     def cumulative(self, z: Array) -> Array:
@@ -186,7 +188,7 @@ class Uniform(HalfWidthLaw):
     form: ClassVar = SheetForm(
         "uniform", {"uniform": "0.05 mm"}, "equally likely anywhere within mean ± t; σ = t/√3", (MEAN,)
     )
-    along: ClassVar = _UniformProjection
+    along: ClassVar = UniformProjection
     divisor: ClassVar = 3
     words: ClassVar = "uniform"
 
@@ -539,16 +541,16 @@ LARGEST_SCALED_BESSEL: Final = 0.82504
 
 
 @dataclass(frozen=True)
-class PlaneLaw(Law):
-    """A law of two components with circular symmetry about the origin; the value of its key in a sheet is the radius.
+class RoundLaw(Law):
+    """A law of a plane, or of space, that no turn about the origin changes; the value of its key in a sheet is the radius.
 
     Attributes:
         along: Its projection on any direction, by the radius.
-        divisor: Square of the radius over the variance along either axis.
+        divisor: Square of the radius over the variance along any axis.
     """
 
     size: ClassVar = 2
-    components: ClassVar = (".x", ".y")
+    components: ClassVar[tuple[str, ...]] = (".x", ".y")
     along: ClassVar[type[SymmetricProjection]]
     divisor: ClassVar[float]
     words: ClassVar[str]
@@ -556,18 +558,18 @@ class PlaneLaw(Law):
 
     @property
     def mean_vector(self) -> Array:
-        return np.zeros(2)
+        return np.zeros(self.size)
 
     @property
     def covariance(self) -> Array:
-        return np.eye(2) * self.radius**2 / self.divisor
+        return np.eye(self.size) * self.radius**2 / self.divisor
 
     def support(self, direction: ArrayLike) -> float:
         return self.radius * math.hypot(*np.asarray(direction, dtype=float))
 
     def ellipsoid(self, k: float) -> Array:
-        """Return the ellipsoid of the disc, for every k."""
-        return self.radius * np.eye(2)
+        """Return the ellipsoid of the disc or ball, for every k."""
+        return self.radius * np.eye(self.size)
 
     def describe(self, quantities: Sequence[Quantity | None]) -> str:
         return f"a point uniform {self.words} of radius {write_number(self.radius, quantities[0])}"
@@ -580,7 +582,7 @@ class PlaneLaw(Law):
 
     def characteristic(self, frequency: ArrayLike) -> NDArray[np.complex128]:
         """Return the characteristic function of the projection at |t|."""
-        return self.along(self.radius).characteristic(np.hypot(*np.asarray(frequency, dtype=float)))
+        return self.along(self.radius).characteristic(np.hypot.reduce(np.asarray(frequency, dtype=float)))
 
 
 @dataclass(frozen=True)
@@ -607,7 +609,7 @@ class _DiscProjection(SineProjection):
 
 
 @dataclass(frozen=True)
-class Disc(PlaneLaw):
+class Disc(RoundLaw):
     """A point uniform over the area of a disc about the origin.
 
     Examples:
@@ -643,7 +645,7 @@ class Disc(PlaneLaw):
 
 
 @dataclass(frozen=True)
-class Circle(PlaneLaw):
+class Circle(RoundLaw):
     """A point uniform on a circle about the origin.
 
     Examples:
