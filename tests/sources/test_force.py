@@ -229,6 +229,35 @@ def test_first_order_sees_a_direction_alike_along_all_axes(scope):
     law = pp.exact_law(model, q, samples=2000).poses[0].laws["position.x"].law
     x = np.linspace(-0.9, 0.9, 7)
     assert_allclose(law.cumulative(reach[0] * x), (1 + x) / 2, rtol=0, atol=1e-9)
+    # with the size random too, E f² u uᵀ is a product that the closed form of the moments knows
+    soft = [JointCompliance(joint=name, compliance=1e-9) for name in chain.joint_names]
+    sized = Force(at="tool", magnitude=pp.Uniform(300.0, mean=size), direction="any", scope=scope)
+    found = pp.moments(pp.ErrorModel(chain, pp.Space(), [*soft, sized]), q, method="closed").poses[0].covariance.value
+    expected = 1e-6 * compliance @ compliance.T * (size**2 + 300.0**2 / 3) / 3
+    assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_forces_in_a_plane_and_in_space_are_the_numbers_of_a_circle_and_of_a_sphere():
+    joints = pp.Chain.from_urdf("example:ur5", tip="tool0").joint_names
+    stated = {
+        "precision-pin": 1, "robot": "example:ur5", "tip": "tool0", "gravity": "0 0 0 m/s^2",
+        "poses": {"work": "30 -70 80 -100 -90 20 deg"},
+        "parameters": {"push": {"circle": "50 N"}, "gust": {"sphere": "20 N", "scope": "visit"}},
+        "sources": [
+            *({"joint_compliance": {"joint": name, "compliance": "1e-6 rad/(N*m)"}} for name in joints),
+            {"force": {"at": "tool0", "force": ["push.x", "push.y", "0 N"]}},
+            {"force": {"at": "tool0", "force": ["gust.x", "gust.y", "gust.z"]}},
+        ],
+    }  # fmt: skip
+    model = pp.ErrorModel.from_dict(stated)
+    for changes, squares in (
+        ({}, (50**2 / 2 + 20**2 / 3, 50**2 / 2 + 20**2 / 3, 20**2 / 3)),
+        ({"parameters.push.circle": "30 N", "parameters.gust": {"sphere": "60 N"}}, (1650.0, 1650.0, 1200.0)),
+    ):
+        at = model.with_(changes).at("work")
+        compliance = 1e-6 * at.posture.joint_jacobian @ at.posture.joint_jacobian[:3].T
+        expected = compliance * squares @ compliance.T
+        assert_allclose(at.covariance, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_a_force_of_any_direction_on_an_arm_at_rest():
