@@ -18,7 +18,7 @@ from support.plain_robot import chain_of, joint, link, robot
 from support.refusals import check_refused
 
 SAMPLED = ("control", "sobol", "sobol-control", "plain")
-LENGTHS = (0.7, 0.4)
+LENGTHS = (0.7, 0.4, 0.3)
 SLACK = 2e-16
 """Rounding of errors of a metre."""
 
@@ -41,7 +41,7 @@ def arm(*draws, correlations=(), kind="revolute"):
 
 
 def errors_of(angles):
-    """Return the exact errors ``(6, N)`` of the arm that turns, by the textbook, for angles ``(1 or 2, N)``."""
+    """Return the exact errors ``(6, N)`` of the arm that turns, by the textbook, for angles ``(1 to 3, N)``."""
     turned = np.cumsum(angles, axis=0)
     lengths = np.array(LENGTHS[: len(angles)])[:, None]
     result = np.zeros((6, angles.shape[1]))
@@ -151,6 +151,7 @@ def _cases(s):
     """Return draws, correlations, nodes of quadrature and the order that the closed form leaves out, by name."""
     normal, uniform = (s * Z, GAUSS_NORMAL), (0.3 + s * GAUSS[0], GAUSS[1] / 2)
     radii = (GAUSS[0] + 1) / 2
+    globe = np.repeat(GAUSS[0], 32), *polar(np.sqrt(1 - GAUSS[0] ** 2), GAUSS[1] / 2)
     z, weights = pairs((Z, GAUSS_NORMAL), (Z, GAUSS_NORMAL))
     mixed = s * np.linalg.cholesky(MATRIX) @ z, weights
     skewed = np.array([-s / 2, 2 * s]), np.array([0.8, 0.2])
@@ -160,6 +161,7 @@ def _cases(s):
         "independent": ((two[0], pp.Draw("b", pp.Uniform(s, 0.3))), (), pairs(normal, uniform), 6),
         "disc": ((pp.Draw("p", pp.Disc(s)),), (), polar(s * radii, radii * GAUSS[1]), 6),
         "circle": ((pp.Draw("p", pp.Circle(s)),), (), polar(np.array([s]), np.ones(1)), 6),
+        "sphere": ((pp.Draw("p", pp.Sphere(s)),), (), (s * np.vstack(globe[:2]), globe[2]), 6),
         "joint normal": ((pp.Draw("p", pp.JointNormal(MATRIX * s**2)),), (), mixed, 6),
         "correlated normal": (two, (pp.Correlation(("a", "b"), ((1, 0.6), (0.6, 1))),), mixed, 6),
         "skewed": (odd, (), pairs(skewed, (0.2 + normal[0], GAUSS_NORMAL)), 5),
