@@ -67,7 +67,7 @@ def test_samples_are_those_of_plain_numpy():
             np.testing.assert_allclose(x[:, k], RADIUS * np.array(expected), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("of", ["streams", "normal numbers", "uniform numbers"])
+@pytest.mark.parametrize("of", ["streams", "normal numbers", "normal numbers facing", "uniform numbers"])
 def test_samples_are_uniform_along_every_direction(of):
     """Archimedes, by Kolmogorov and Smirnov at 1e-6 each; and the covariance within 5 standard errors."""
     space, count = pp.Space((pp.Draw("push", pp.Sphere(RADIUS)),)), 200_000
@@ -77,6 +77,8 @@ def test_samples_are_uniform_along_every_direction(of):
             x = space.sample(20261129, 0, count)
         case "normal numbers":
             x = from_normals(space, generator.standard_normal((3, count)))
+        case "normal numbers facing":
+            x = pp.Sphere(RADIUS).facing(DIRECTIONS[3:4]).from_normals(generator.standard_normal((3, count)))
         case _:
             x = space.inverse(generator.random((3, count)))
     for direction in DIRECTIONS:
@@ -89,20 +91,25 @@ def test_samples_are_uniform_along_every_direction(of):
     assert stats.kstest(angle, "uniform", method="asymp").pvalue > 1e-6
 
 
-@pytest.mark.parametrize(("direction", "shares"), [(DIRECTIONS[2], (1e-2, 1e-4, 1e-6)), (DIRECTIONS[3], (0.1, 1e-2))])
-def test_a_cap_has_its_share_of_the_sphere(direction, shares):
-    """P(u_z > c) = (1 - c)/2: a plane for FORM where the cap lies about z, however rare; elsewhere by sampling."""
-    space = pp.Space((pp.Draw("push", pp.Sphere(1.0)),))
-    for share in shares:
-        limit = 1 - 2 * share
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_a_cap_has_its_share_of_the_sphere(direction):
+    """P(u > c along a direction) = (1 - c)/2: about z, or where the law faces it, a plane for FORM, however rare."""
+    law = pp.Sphere(1.0)
+    for sphere, shares in (
+        (law, (1e-2, 1e-4, 1e-6) if direction[2] == 1 else (0.1, 1e-2)),
+        (law.facing(direction[None]), (1e-6,)),
+    ):
+        space = pp.Space((pp.Draw("push", sphere),))
+        for share in shares:
+            limit = 1 - 2 * share
 
-        def margin(x, limit=limit):
-            return limit - direction @ x
+            def margin(x, limit=limit):
+                return limit - direction @ x
 
-        failures = int((margin(space.sample(2, 0, 100_000)) < 0).sum())
-        found = rare_events(space, margin, [np.ones(3)], plain_estimate(failures, 100_000, 0.999), 0, 0.999)
-        for one in found.estimates:
-            assert one.interval[0] <= share <= one.interval[1], one
-        assert found.estimates[1].resolved
-        if direction[2] == 1:
-            assert found.form.points[0].beta == pytest.approx(stats.norm.isf(share), abs=1e-5)
+            failures = int((margin(space.sample(2, 0, 100_000)) < 0).sum())
+            found = rare_events(space, margin, [np.ones(3)], plain_estimate(failures, 100_000, 0.999), 0, 0.999)
+            for one in found.estimates:
+                assert one.interval[0] <= share <= one.interval[1], one
+            assert found.estimates[1].resolved
+            if direction[2] == 1 or sphere is not law:
+                assert found.form.points[0].beta == pytest.approx(stats.norm.isf(share), abs=1e-5)

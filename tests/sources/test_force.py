@@ -5,7 +5,9 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.optimize import root
+from scipy import stats
+from scipy.integrate import quad
+from scipy.optimize import brentq, root
 
 import precision_pin as pp
 from precision_pin.sources import BearingStiffness, Force, JointCompliance, Payload
@@ -235,6 +237,32 @@ def test_first_order_sees_a_direction_alike_along_all_axes(scope):
     found = pp.moments(pp.ErrorModel(chain, pp.Space(), [*soft, sized]), q, method="closed").poses[0].covariance.value
     expected = 1e-6 * compliance @ compliance.T * (size**2 + 300.0**2 / 3) / 3
     assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e-6])
+def test_rare_errors_of_a_force_of_any_direction(share):
+    """P(|dx| > c f̄ h) is that of f (1 - c f̄/f), h the length of the row of the compliance; 1 - c for a known size."""
+    chain, q = chain_of(random_arm(5), tip="tool", gravity=(0.0, 0.0, 0.0)), [0.3, -0.4, 0.9, 0.2, -0.6, 0.5, 0.1]
+    soft = [JointCompliance(joint=name, compliance=1e-9) for name in chain.joint_names]
+    for size, spread in ((600.0, 0.0), (600.0, 60.0)):
+        magnitude = pp.Normal(spread, mean=size) if spread else size
+        sources = [*soft, Force(at="tool", magnitude=magnitude, direction="any")]
+        model = pp.ErrorModel(chain, pp.Space(), sources)
+        jacobian = model.at(q).posture.joint_jacobian
+        height = np.linalg.norm(1e-9 * jacobian[0] @ jacobian[:3].T)
+
+        def beyond(force, size=size, spread=spread):
+            if not spread:
+                return 1 - force / size
+            law = stats.norm(size, spread)
+            return quad(lambda f: law.pdf(f) * (1 - force / f), force, size + 12 * spread, epsabs=0, epsrel=1e-9)[0]
+
+        force = brentq(lambda force: np.log(beyond(force) / share), 300.0, size * (1 - 1e-9) + 8 * spread)
+        demand = pp.specification(f"dx {float(1e3 * force * height)!r} mm @ 90 %")
+        found = pp.reliability(model, [demand], q, samples=20_000, confidence=0.999).poses[0].specifications[0]
+        assert found.resolved
+        for one in found.estimates:
+            assert one.interval[0] <= share <= one.interval[1], one
 
 
 def test_forces_in_a_plane_and_in_space_are_the_numbers_of_a_circle_and_of_a_sphere():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ from precision_pin.analyses.reliability.importance import RareEvents, rare_event
 from precision_pin.analyses.result import Result, list_warnings
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, UnknownNameError, warns_at_end
+from precision_pin.draws.space import Space
 from precision_pin.kernel import sampler
 from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel, takes_datum
@@ -397,6 +398,14 @@ def _sides(layout: SamplerArrays, specification: Specification, tool_axes: Array
     return margins
 
 
+def _facing(at: PoseModel, specification: Specification) -> Space:
+    """Return the space with laws whose normal numbers fit rare errors of the tangent."""
+    axes = np.concatenate([of.axes / of.limit for of in specification.conditions(at.posture.tool_axes)])
+    draws = zip(at.space.draws, at.space.slices, strict=True)
+    facing = (replace(draw, law=draw.law.facing(axes @ at.jacobian[:, rows])) for draw, rows in draws)
+    return replace(at.space, draws=tuple(facing))
+
+
 def _starts(at: PoseModel, specification: Specification) -> list[Array]:
     """Return the starting points of the search, two standard deviations along the tangent's steepest directions."""
     spread = np.sqrt(at.space.block_covariance.variances)
@@ -426,7 +435,7 @@ def _judge_specification(
     plain = plain_estimate(samples - successes, samples, confidence)
     axes = at.posture.tool_axes
     events = rare_events(
-        at.space, _margin(layout, specification, axes), _starts(at, specification), plain, seed, confidence,
+        _facing(at, specification), _margin(layout, specification, axes), _starts(at, specification), plain, seed, confidence,
         _sides(layout, specification, axes),
     )  # fmt: skip
     failures = (_describe_failure(at, layout, point, events.strata.parts) for point in events.form.points[:LISTED])

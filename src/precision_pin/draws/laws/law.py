@@ -355,6 +355,10 @@ class Law(ABC):
         """Return samples from independent standard normal numbers ``(size, N)``, by the smoothest function."""
         return self.at_scores(normals)
 
+    def facing(self, slopes: Array) -> Law:
+        """Return the law with :meth:`from_normals` fit for rare values of the length of ``slopes @ x``, ``(k, size)``."""
+        return self
+
     @property
     def breaks(self) -> tuple[float, ...]:
         """Uniform numbers in (0, 1) at which the inverse of a law of one component has a jump or kink."""

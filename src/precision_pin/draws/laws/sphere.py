@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -46,6 +47,10 @@ class Sphere(RoundLaw):
         # from the origin, so that no design point would be nearest
         return self._at(Circle(1.0).from_normals(normals[:2]), cumulative(normals[2]))
 
+    def facing(self, slopes: Array) -> Sphere:
+        """Return the law with the height along the direction of the greatest length: a cap about it is a half-space."""
+        return _Facing(self.radius, tuple(np.linalg.svd(slopes)[2][0].tolist()))
+
     def standardised_moments(self) -> Moments:
         """Return the moments: variance r²/3, E x⁴ = r⁴/5, E x² y² = r⁴/15."""
         return 0.0, 1.8, 0.6
@@ -54,3 +59,17 @@ class Sphere(RoundLaw):
         """Return the points ``(3, N)`` below which lies a share of the sphere, at unit vectors ``(2, N)`` about z."""
         across = 2 * self.radius * np.sqrt(share * (1 - share))
         return np.array([*(across * turn), self.radius * (2 * share - 1)])
+
+
+@dataclass(frozen=True)
+class _Facing(Sphere):
+    """A sphere with the same numbers, but with its normals about another axis than z, a unit vector."""
+
+    axis: tuple[float, ...]
+
+    def from_normals(self, normals: Array) -> Array:
+        """Return the points of the sphere mirrored so that z lies along the axis, or against it."""
+        points = super().from_normals(normals)
+        mirror = np.array(self.axis)
+        mirror[2] += math.copysign(1.0, mirror[2])
+        return points - np.outer(2 / (mirror @ mirror) * mirror, mirror @ points)
