@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.sparse.csgraph import connected_components
 
 import precision_pin as pp
-from benchmarks.measured.sets import FOLDS, URDF, Factory, MeasuredSet, Rows, load
+from benchmarks.measured.arms import URDF, load
+from benchmarks.measured.sets import Factory, MeasuredSet, Rows
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
+from precision_pin.base.errors import InputError
 
 LEVEL: Final = 0.95
 ROBOTS: Final = 200
@@ -27,6 +29,13 @@ WAVES: Final = "1 mrad"
 """Amplitude of the free waves of once and twice in a turn of each joint."""
 PLAY: Final = "{uniform: 5 mrad, mean: 5 mrad}"
 """What a joint lags behind its last motion, twice: by friction or play."""
+FOLDS: Final = 5
+"""Groups left out one after another where the publishers set no poses apart: place i belongs to group i mod 5."""
+NEAR: Final = 0.01
+"""Rows whose joints all differ by less, rad or m, are of one place, and left out together."""
+GROSS: Final = 10.0
+"""A reading is gross, counted and in no mean, if it is farther off than so many times the median of a fit that did not see
+it, and a calibration to all readings, it among them, gives it no weight: so no reading that a fit foretells badly is left out."""
 VARIANTS: Final = {"geometry": "geometry", "complete": "geometry and drives"}
 """The fits in words."""
 BAND: Final = "10 kN*m"
@@ -50,6 +59,8 @@ class Outcome:
     published: float | None = None
     within: float | None = None
     verdict: str = ""
+    median: float | None = None
+    gross: int | None = None
     seconds: float = 0.0
     distances: dict[str, Array] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -105,6 +116,18 @@ def find_set_up(places: Array, turns: Array, read: Array, guess: Array) -> SetUp
         if np.abs(step).max() < 1e-10:
             break
     return SetUp(base, targets)
+
+
+def find_set_up_without_gross(places: Array, turns: Array, read: Array, guess: Array) -> SetUp:
+    """Return base and targets as :func:`find_set_up` by the rows without gross readings."""
+    kept = np.ones(len(places), dtype=bool)
+    while True:
+        set_up = find_set_up(places[kept], turns[kept], read[:, kept], guess)
+        apart = np.linalg.norm(read - points(places[:, None], turns[:, None], set_up)[:, :, 0], axis=2)
+        still = kept & (apart <= GROSS * np.median(apart)).all(axis=0)
+        if still.sum() == kept.sum():
+            return set_up
+        kept = still
 
 
 def set_up_slopes(predicted: Array, turns: Array, set_up: SetUp) -> Array:
@@ -208,30 +231,55 @@ def predict(model: pp.ErrorModel, fit: pp.CalibrationResult, seen: Rows, new: Ro
     return Prediction(np.linalg.norm(residuals, axis=2), squares <= stats.chi2.ppf(LEVEL, 3))
 
 
-def splits(measured: MeasuredSet) -> Iterator[tuple[Rows, Rows]]:
-    """Yield rows to fit and rows to judge: those set apart, or each group in turn."""
+def splits(measured: MeasuredSet) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Return rows to fit and rows to judge, of those to fit and those set apart together; or each group in turn."""
+    row = np.arange(len(measured.rows))
     if measured.judged is not None:
-        yield measured.fit, measured.judged
-        return
-    group = np.arange(len(measured.fit)) % FOLDS
-    for k in range(FOLDS):
-        yield measured.fit[group != k], measured.fit[group == k]
+        return [(row[: len(measured.fit)], row[len(measured.fit) :])]
+    group = visited(measured.fit.q) % FOLDS
+    return [(row[group != k], row[group == k]) for k in range(FOLDS)]
+
+
+def visited(q: Array) -> NDArray[np.intp]:
+    """Return the number of the place of each row of ``(n, P)``, in order of their first rows."""
+    near = np.array([(np.abs(q - row[:, None]) < NEAR).all(axis=0) for row in q.T])
+    labels = connected_components(near, directed=False)[1]
+    _, first, label = np.unique(labels, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[label])
+
+
+def gross_readings(model: pp.ErrorModel, measured: MeasuredSet, distances: Array) -> NDArray[np.bool_]:
+    """Return which of the readings that were judged ``(N,)`` are gross."""
+    is_far = np.asarray(distances > GROSS * np.median(distances))
+    if not is_far.any():
+        return is_far
+    has_no_weight = np.zeros(measured.rows.points.shape[:2], dtype=bool)
+    fit = quiet(calibrated, model, measured.rows, measured.guess)
+    has_no_weight.ravel()[[error.reading for error in fit.gross_errors]] = True
+    return is_far & np.concatenate([has_no_weight[:, new].ravel() for _, new in splits(measured)])
 
 
 def judge(measured: MeasuredSet) -> Outcome:
     """Return the row of a set."""
     before, band = forecast_and_before(measured)
-    distances, within, verdict = {"before": before}, [], ""
-    parts, notes = list(splits(measured)), list(measured.notes)
+    distances, within, verdict = {"before": before}, np.array([]), ""
+    parts, notes, rows = splits(measured), list(measured.notes), measured.rows
     for name, sheet in variants(measured.sheet).items():
         model, found = load(sheet), []
-        for seen, new in parts:
-            fit = quiet(calibrated, model, seen, measured.guess)
-            found.append(quiet(predict, model, fit, seen, new))
+        try:
+            for seen, new in parts:
+                fit = quiet(calibrated, model, rows[seen], measured.guess)
+                found.append(quiet(predict, model, fit, rows[seen], rows[new]))
+            if measured.judged is None:
+                fit = quiet(calibrated, model, rows, measured.guess)
+        except InputError as error:
+            if name == "geometry":
+                raise
+            notes.append(f"{VARIANTS[name]}: no fit; {error.findings[0].message}")
+            break
+        last = model
         distances[name] = np.concatenate([one.distances.ravel() for one in found])
         within = np.concatenate([one.within.ravel() for one in found])
-        if measured.judged is None:
-            fit = quiet(calibrated, model, measured.fit, measured.guess)
         gain = fit.improvement
         verdict = "no group can be left out" if gain is None else f"{gain.verdict}, {gain.share.verdict}"
         for cause in fit.causes[:1]:
@@ -240,18 +288,19 @@ def judge(measured: MeasuredSet) -> Outcome:
                 f"{VARIANTS[name]}: most likely {cause}; fitted too, readings left out would be {1e3 * added.after:.3g} "
                 f"instead of {1e3 * added.before:.3g} mm rms off"
             )
+    apart = 1e3 * list(distances.values())[-1]
+    is_gross = gross_readings(last, measured, apart)
+    if is_gross.any():
+        notes.append(
+            f"{is_gross.sum()} of {apart.size} readings at unseen poses are gross, {apart[is_gross].min():.3g} to "
+            f"{apart[is_gross].max():.3g} mm off where the median is {np.median(apart):.3g}: they are in no mean"
+        )
     judged = f"{len(parts[0][1])} set apart" if measured.judged is not None else f"{FOLDS} groups"
-    means = {name: float(values.mean()) for name, values in distances.items()}
+    means = {name: float(values[~is_gross].mean()) for name, values in distances.items()}
     return Outcome(
         *(measured.robot, measured.instrument, len(measured.fit), judged, measured.forecast_by, band, means["before"]),
-        *(
-            measured.as_measured,
-            means["geometry"],
-            means["complete"],
-            measured.published,
-            float(np.mean(within)),
-            verdict,
-        ),
+        *(measured.as_measured, means["geometry"], means.get("complete"), measured.published),
+        *(float(np.mean(within[~is_gross])), verdict, 1e-3 * float(np.median(apart)), int(is_gross.sum())),
         distances=distances,
         notes=tuple(notes),
     )
@@ -282,9 +331,10 @@ def forecast_and_before(measured: MeasuredSet) -> tuple[Array, tuple[float, floa
     x, guess = quiet(sampled, model), np.array(measured.guess)
     nominal = load(variants(measured.sheet)["geometry"])
     still = nominal.space.mean[:, None]
-    for seen, new in splits(measured):
+    for fitted_rows, judged_rows in splits(measured):
+        seen, new = measured.rows[fitted_rows], measured.rows[judged_rows]
         places, turns = quiet(tips, nominal, seen.q, still)
-        set_up = find_set_up(places[:, 0], turns[:, 0], seen.points, guess)
+        set_up = find_set_up_without_gross(places[:, 0], turns[:, 0], seen.points, guess)
         predicted = points(*quiet(tips, nominal, new.q, still), set_up)[:, :, 0]
         distances.append(np.linalg.norm(new.points - predicted, axis=2).ravel())
         chosen = seen.q[:, np.linspace(0, len(seen) - 1, min(SET_UP_ROWS, len(seen))).round().astype(int)]

@@ -14,8 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from benchmarks.measured.declared import KNOWN, declaration
 from benchmarks.measured.judge import Outcome
 from benchmarks.plots import DOTS, NUMPY, OTHERS, OURS, STYLE
+from precision_pin.robot.examples import ELSEWHERE
 
 __all__ = ["csv_text", "tables", "write", "write_docs"]
 
@@ -34,6 +36,7 @@ HEADS: Final = (
         "forecast high",
     ),
     *("before", "as measured", "geometry", "geometry and drives", "published", "within 95 %", "verdict"),
+    *("median", "gross"),
 )
 """Columns of the CSV; lengths in mm."""
 
@@ -60,6 +63,7 @@ def cells(outcome: Outcome) -> list[str]:
         *(outcome.robot, outcome.instrument, str(outcome.readings), outcome.judged, outcome.forecast_by),
         *map(millimetres, lengths),
         *("" if outcome.within is None else f"{100 * outcome.within:.1f}", outcome.verdict),
+        *(millimetres(outcome.median), "" if outcome.gross is None else str(outcome.gross)),
     ]
 
 
@@ -88,7 +92,7 @@ def tables(outcomes: Sequence[Outcome]) -> dict[str, str]:
             continue
         calibrated.append(
             f"| {row['robot']}, {row['instrument']} | {row['readings']}, {row['judged at']} | {band} | {row['before']} "
-            f"| {row['geometry']} | **{row['geometry and drives']}** | {row['published'] or '—'} | {row['within 95 %']} "
+            f"| {row['geometry']} | **{row['geometry and drives'] or '—'}** | {row['published'] or '—'} | {row['within 95 %']} "
             f"| {row['verdict']} |"
         )
     named = {"calibrated": calibrated, "factory": factory}
@@ -136,6 +140,8 @@ def draw_unseen(outcomes: Sequence[Outcome], path: Path) -> None:
                 continue
             lines = []
             for name, label, colour in labels:
+                if name not in outcome.distances:
+                    continue
                 values = np.sort(1e3 * outcome.distances[name])
                 share = (np.arange(values.size) + 0.5) / values.size
                 lines += axes.plot(100 * share, values, ".-", color=colour, markersize=4, label=label)
@@ -187,11 +193,27 @@ def notes(outcomes: Sequence[Outcome], skipped: Sequence[str]) -> str:
     return "\n".join([*lines, *(f"- skipped: {text}" for text in skipped)])
 
 
+def data_table() -> str:
+    """Return where the known sets are published, by the folder that holds them."""
+    lines = ["| folder in FOLDER | files | published at | licence |", "| --- | --- | --- | --- |"]
+    held: dict[tuple[str, str, str], list[str]] = {}
+    for name in KNOWN:
+        declared, home = declaration(name, Path())
+        urdfs = [urdf for urdf in declared.arm if not urdf.startswith(ELSEWHERE)]
+        key = (home.name, declared.source, declared.licence)
+        held.setdefault(key, []).extend([*declared.fit, *declared.judge, *urdfs])
+    lines += [
+        f"| `{folder}` | {', '.join(f'`{name}`' for name in dict.fromkeys(files))} | {source} | {licence} |"
+        for (folder, source, licence), files in held.items()
+    ]
+    return "\n".join(lines)
+
+
 def write_docs(outcomes: Sequence[Outcome], skipped: Sequence[str], docs: Path) -> None:
     """Put tables, notes, CSV and pictures into the page ``real-robots.md`` of a folder of documentation."""
     page = docs / "real-robots.md"
     text = page.read_text(encoding="utf-8")
-    for name, part in {**tables(outcomes), "notes": notes(outcomes, skipped)}.items():
+    for name, part in {**tables(outcomes), "notes": notes(outcomes, skipped), "data": data_table()}.items():
         mark = re.escape(f"<!-- bench: {name} -->")
         text = re.sub(
             f"({mark}\n).*?(<!-- bench end -->)",

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import re
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -14,18 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 import precision_pin as pp
+from benchmarks.measured.arms import arm, dh_urdf, drafts
+from benchmarks.measured.declared import Column, Csv, Declaration, Dh, MissingSet, declaration
+from precision_pin.base import units
 from precision_pin.base.arrays import Array
+from precision_pin.base.csv_columns import TableForm
 from precision_pin.base.errors import InputError
-from precision_pin.robot.configurations import approaches_along
+from precision_pin.robot.configurations import approaches_along, joint_quantity
 from precision_pin.robot.examples import shipped_sheets
 from precision_pin.robot.ur_kinematics import MODELS
-from precision_pin.robot.urdf.reader import mended
 
-URDF: Final = "\n# URDF\n"
-"""Line of a sheet's text after which its URDF stands."""
-
-FOLDS: Final = 5
-"""Groups left out one after another where the publishers set no poses apart: row i belongs to group i mod 5."""
+MOST: Final = 1000
+"""Rows of a set that are fitted, and that are judged: of more, so many are chosen evenly, to take minutes and not hours."""
+_SI: Final = {unit: quantity.units[unit] for quantity in (units.LENGTH, units.ANGLE) for unit in quantity.units}
+_EMPTY: Final = ("", "nan", "na")
+"""Cells without a reading, in lower case."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,13 @@ class Rows:
     approaches: NDArray[np.int8]
 
     @classmethod
-    def in_order(cls, q: Array, points: Array) -> Rows:
-        """Return rows whose joints came from the row before."""
-        return cls(q, points, approaches_along(q))
+    def together(cls, parts: Sequence[Rows]) -> Rows:
+        """Return the rows of several parts, one after another."""
+        return cls(
+            np.concatenate([part.q for part in parts], axis=1),
+            np.concatenate([part.points for part in parts], axis=1),
+            np.concatenate([part.approaches for part in parts], axis=1),
+        )
 
     def __len__(self) -> int:
         return self.q.shape[1]
@@ -75,6 +79,11 @@ class MeasuredSet:
     published: float | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def rows(self) -> Rows:
+        """The readings to fit, then those set apart."""
+        return self.fit if self.judged is None else Rows.together([self.fit, self.judged])
+
 
 @dataclass(frozen=True)
 class Factory:
@@ -86,111 +95,128 @@ class Factory:
     forecast_by: str
 
 
-class MissingSet(Exception):
-    """What a set lacks, to be said to the user."""
-
-
-def columns(path: Path, names: Sequence[str]) -> Array:
-    """Return columns of a CSV file by name, ``(len(names), P)``."""
-    if not path.is_file():
-        raise MissingSet(f"no {path.parent.name}/{path.name}")
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    if not rows or (missing := [name for name in names if name not in rows[0]]):
-        raise MissingSet(f"{path.parent.name}/{path.name} has no {f'column {missing[0]}' if rows else 'rows'}")
+def columns(path: Path, wanted: Sequence[Column], form: Csv) -> Array:
+    """Return columns of a CSV file by name or number, ``(len(wanted), P)``; NaN where there is no reading."""
+    name = f"{path.parent.name}/{path.name}"
+    table = TableForm(form.separator, form.decimal)
     try:
-        return np.array([[float(row[name]) for row in rows] for name in names])
-    except (TypeError, ValueError):
-        raise MissingSet(f"{path.parent.name}/{path.name}: a cell of {', '.join(names)} is not a number") from None
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise MissingSet(f"{name} cannot be read ({error})") from None
+    kept = [k for k, text in enumerate(lines) if text.strip() and not (form.comment and text.startswith(form.comment))]
+    cells = [[cell.strip() for cell in row] for row in table.rows(lines[k] for k in kept)]
+    heads = cells.pop(0) if form.header and cells else []
+    numbers = [k + 1 for k in kept[len(kept) - len(cells) :]]
+    if not cells:
+        raise MissingSet(f"{name} has no rows")
+    for column in wanted:
+        count = heads.count(column) if isinstance(column, str) else int(column <= len(cells[0]))
+        if count != 1:
+            raise MissingSet(f"{name} has {count or 'no'} column{'s' * (count > 1)} {column}")
+    index = [heads.index(column) if isinstance(column, str) else column - 1 for column in wanted]
+    values = np.empty((len(wanted), len(cells)))
+    for k, (row, line) in enumerate(zip(cells, numbers, strict=True)):
+        if len(row) <= max(index):
+            raise MissingSet(f"{name}, line {line}: {len(row)} cells, and column {max(index) + 1} is asked for")
+        for j, i in enumerate(index):
+            values[j, k] = table.number(row[i])
+            if np.isnan(values[j, k]) and row[i].lower() not in _EMPTY:
+                raise MissingSet(f"{name}, line {line}: {row[i]!r} is not a number{table.hint(row[i])}")
+    return values
 
 
-def tracker(folder: Path, joints: int) -> tuple[Rows, Rows, float]:
-    """Return grid, random poses and the mean distance of the latter from their targets, m, as the tracker's sets have them.
-
-    A difference is what was read less its target: with this sign the arms sag under their weight, with the other they rise.
-    """
-    names = [f"{axis}_{kind}" for kind in ("t", "dif") for axis in "xyz"] + [f"joint_{k + 1}" for k in range(joints)]
-    rows, distance = [], 0.0
-    for name in ("grid.csv", "random.csv"):
-        values = columns(folder / name, names)
-        measured = 1e-3 * (values[:3] + values[3:6]).T
-        rows.append(Rows.in_order(np.radians(values[6:]), measured[None]))
-        distance = 1e-3 * float(np.linalg.norm(values[3:6], axis=0).mean())
-    return rows[0], rows[1], distance
+def files(folder: Path, patterns: Sequence[str]) -> Iterator[Path]:
+    """Yield the files of a set in order."""
+    for pattern in patterns:
+        found = [folder / pattern] if (folder / pattern).is_file() else sorted(folder.glob(pattern))
+        if not found:
+            raise MissingSet(f"no {(folder / pattern).parent.name}/{Path(pattern).name}")
+        yield from found
 
 
-def ur5_tracker(folder: Path) -> MeasuredSet:
-    """Return the UR5 of a thesis: 1,000 poses to fit, 20 to judge."""
-    fit, judged, distance = tracker(folder, 6)
-    try:
-        sheet = pp.init("example:ur5", tip="tool0", calibration=True)
-    except InputError as error:
-        raise MissingSet(f"example:ur5 cannot be read ({error.findings[0].message})") from None
-    forecast = pp.ErrorModel.load(shipped_sheets()["ur5"])
-    return MeasuredSet(
-        *("UR5", "laser tracker", sheet, forecast, "shipped", fit, judged, (0.0, 0.0, 0.031), distance, 0.155e-3),
-    )
+def rows(folder: Path, patterns: Sequence[str], declared: Declaration) -> tuple[Rows, float | None, list[str]]:
+    """Return the readings of files, the mean size of the difference that they give, m, and what is remarkable in them."""
+    joints, targets, parts, apart = declared.joints, declared.targets, [], []
+    count, thetas = len(targets.columns), np.zeros(len(joints.columns))
+    if declared.dh is not None:
+        thetas = np.array([row[3] for row in declared.dh.table]) * _SI[declared.dh.units[1]]
+    factors = np.array([_SI[unit] for unit in joints.unit]) * np.array(joints.sign or [1])
+    offsets = np.array([_SI[unit] for unit in joints.unit]) * np.array(joints.offset or [0]) + thetas
+    wanted = [*joints.columns, *(c for place in targets.columns + targets.difference for c in place)]
+    for path in files(folder, patterns):
+        values = columns(path, wanted, declared.csv)
+        q = factors[:, None] * values[: len(joints.columns)] + offsets[:, None]
+        places = values[len(joints.columns) :].reshape(-1, 3, values.shape[1]).mT
+        read, difference = places[:count], places[count:]
+        if difference.size:
+            read = read + difference if targets.plus else read - difference
+            apart.append(_SI[targets.unit] * np.linalg.norm(difference, axis=2).ravel())
+        parts.append(Rows(q, _SI[targets.unit] * read, approaches_along(q)))
+    whole = Rows.together(parts)
+    notes, total = [], len(whole)
+    # how each row was approached is known before rows are left out
+    whole = whole[np.isfinite(whole.q).all(axis=0) & np.isfinite(whole.points).all(axis=(0, 2))]
+    if not len(whole):
+        raise MissingSet(f"{folder.name}: no row has all readings")
+    if len(whole) < total:
+        notes.append(f"{total - len(whole)} of {total} rows lack a reading")
+    if len(whole) > MOST:
+        notes.append(f"{MOST} of {len(whole)} rows, evenly chosen")
+        whole = whole[np.linspace(0, len(whole) - 1, MOST).round().astype(int)]
+    return whole, float(np.nanmean(np.concatenate(apart))) if apart else None, notes
 
 
-# a, alpha, d of each joint, m and rad; mass and centre of mass in the frame behind it, kg and m, as Barrett publishes them
-WAM: Final = (
-    (0, -np.pi / 2, 0, 10.76768767, (-0.00443422, 0.12189039, -0.00066489)),
-    (0, np.pi / 2, 0, 3.87493756, (-0.00236983, 0.03105614, 0.01542114)),
-    (0.045, -np.pi / 2, 0.55, 1.80228141, (-0.03825858, 0.20750770, 0.00003309)),
-    (-0.045, np.pi / 2, 0, 2.40016804, (0.00498512, -0.00022942, 0.13271662)),
-    (0, -np.pi / 2, 0.3, 0.12376019, (0.00008921, 0.00511217, 0.00435824)),
-    (0, np.pi / 2, 0, 0.41797364, (-0.00012262, -0.01703194, 0.02468336)),
-    (0, 0, 0.06, 0.06864753, (-0.00007974, 0.00016313, -0.00323552)),
-)
-
-
-def wam_tracker(folder: Path) -> MeasuredSet:
-    """Return the WAM of the same thesis: 216 poses to fit, 20 to judge."""
-    fit, judged, distance = tracker(folder, 7)
-    urdf = dh_urdf("wam", [row[:3] for row in WAM], [row[3:] for row in WAM])
-    sheet, forecast = drafts(urdf)
-    guess = (0.0, 0.0, 0.044)
-    return MeasuredSet("WAM", "laser tracker", sheet, forecast, "init", fit, judged, guess, distance, 2.92e-3)
-
-
-def talos(folder: Path) -> MeasuredSet:
-    """Return the left arm of a TALOS: 61 contacts."""
-    joints = ["torso_1_joint", "torso_2_joint", *(f"arm_left_{k}_joint" for k in range(1, 8))]
-    values = columns(folder / "left-arm-contact.csv", ["x1", "y1", "z1", *joints])
-    sheet, forecast = drafts(described(folder / "talos.urdf"), "arm_left_7_link", "base_link")
-    rows = Rows.in_order(values[3:], values[None, :3].mT)
-    return MeasuredSet("TALOS, left arm", "contact", sheet, forecast, "init", rows)
-
-
-def tiago(folder: Path) -> MeasuredSet:
-    """Return the arm and torso of a TIAGo: four markers, of which some columns may repeat others."""
-    joints = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
-    names = [f"{axis}{k}" for k in range(1, 5) for axis in "xyz"]
-    values = columns(folder / "mocap-four-markers.csv", [*names, *joints])
-    points = values[:12].reshape(4, 3, -1).mT
-    kept, notes = [0, 1, 2, 3], []
-    for k in range(1, 4):
+def different(points: Array) -> tuple[list[int], list[str]]:
+    """Return the targets of ``(T, P, 3)`` whose readings do not repeat another's, and what was found."""
+    kept, notes = list(range(len(points))), []
+    for k in range(1, len(points)):
         for j in [j for j in kept if j < k]:
             same = int((points[j] == points[k]).all(axis=1).sum())
             if same:
                 kept = [other for other in kept if other != k and (same == len(points[k]) or other != j)]
                 which = f"{k + 1} is" if same == len(points[k]) else f"{j + 1} and {k + 1} are"
                 notes.append(
-                    f"marker {k + 1} repeats marker {j + 1} in {same} of {len(points[k])} rows: {which} not used"
+                    f"target {k + 1} repeats target {j + 1} in {same} of {len(points[k])} rows: {which} not used"
                 )
-    sheet, forecast = drafts(described(folder / "tiago.urdf"), "arm_7_link", "base_link")
-    rows = Rows.in_order(values[12:], points[kept])
+    if not kept:
+        raise MissingSet(*notes)
+    return kept, notes
+
+
+def read(name: str, folder: Path) -> MeasuredSet | None:
+    """Return a set of a folder; ``None`` if the data of a known set are not there."""
+    declared, home = declaration(name, folder)
+    if not home.is_dir():
+        return None
+    sheet, forecast, by = arm(declared, home)
+    check_joints(declared, forecast)
+    fit, _, notes = rows(home, declared.fit, declared)
+    judged, as_measured = None, None
+    if declared.judge:
+        judged, as_measured, more = rows(home, declared.judge, declared)
+        notes += [f"to judge: {note}" for note in more]
+    kept, repeated = different(fit.points)
+    fit, judged = (part and Rows(part.q, part.points[kept], part.approaches) for part in (fit, judged))
     return MeasuredSet(
-        "TIAGo", f"motion capture, {len(kept)} markers", sheet, forecast, "init", rows, notes=tuple(notes)
+        *(declared.robot, declared.instrument.replace("{targets}", str(len(kept))), sheet, forecast, by, fit, judged),
+        *(declared.guess, as_measured, declared.published),
+        notes=tuple(filter(None, (declared.remark, *notes, *repeated))),
     )
 
 
-SETS: Final[dict[str, Callable[[Path], MeasuredSet]]] = {
-    "ur5-tracker": ur5_tracker,
-    "wam-tracker": wam_tracker,
-    "talos": talos,
-    "tiago": tiago,
-}
+def check_joints(declared: Declaration, model: pp.ErrorModel) -> None:
+    """Refuse joint values of another number, order or unit than the arm's joints."""
+    joints, columns = model.chain.joints, declared.joints.columns
+    names = [joint.name for joint in joints]
+    if len(columns) != len(names):
+        raise MissingSet(f"joints.columns: {len(columns)} columns, and the arm has {len(names)}: {', '.join(names)}")
+    if columns != names and set(columns) == set(names):
+        raise MissingSet(f"joints.columns: the arm has the order {', '.join(names)}")
+    for joint, unit in zip(joints, declared.joints.unit * (len(names) // len(declared.joints.unit)), strict=True):
+        if unit not in (quantity := joint_quantity(joint)).units:
+            raise MissingSet(
+                f"joints.unit: {joint.name} is {joint.kind}, so its unit is an {quantity.name}, not {unit}"
+            )
 
 
 def factories(folder: Path) -> Iterator[Factory]:
@@ -217,68 +243,6 @@ def ur_model(kind: str) -> tuple[pp.ErrorModel, str]:
         except InputError:  # its URDF is not installed
             pass
     d1, a2, a3, d4, d5, d6 = MODELS[kind]
-    steps = ((0, 1, d1), (a2, 0, 0), (a3, 0, 0), (0, 1, d4), (0, -1, d5), (0, 0, d6))
-    urdf = dh_urdf(kind.lower(), [(a, turn * np.pi / 2, d) for a, turn, d in steps])
-    return drafts(urdf)[1], "init"
-
-
-def described(path: Path) -> str:
-    """Return the text of a URDF, with inertias that a body can have."""
-    if not path.is_file():
-        raise MissingSet(f"no {path.parent.name}/{path.name}")
-    return mended(path)[0].decode("utf-8")
-
-
-def drafts(urdf: str, tip: str | None = None, base: str | None = None) -> tuple[str, pp.ErrorModel]:
-    """Return the calibration sheet and the model of the drafted sheet of a URDF's text."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "arm.urdf"
-        path.write_text(urdf, encoding="utf-8")
-        sheet, draft = (
-            re.sub("^robot: .*$", "robot: arm.urdf", text, count=1, flags=re.MULTILINE) + URDF + urdf
-            for text in (pp.init(path, tip=tip, base=base, calibration=calibration) for calibration in (True, False))
-        )
-    return sheet, load(draft)
-
-
-def load(sheet: str) -> pp.ErrorModel:
-    """Return the model of a sheet's text; a URDF that follows it is written beside it."""
-    text, _, urdf = sheet.partition(URDF)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "arm.errors.yaml"
-        path.write_text(text, encoding="utf-8")
-        path.with_name("arm.urdf").write_text(urdf, encoding="utf-8")
-        return pp.ErrorModel.load(path)
-
-
-def dh_urdf(name: str, steps: Sequence[Sequence[float]], masses: Sequence[Sequence[object]] = ()) -> str:
-    """Return the URDF of an arm by Denavit and Hartenberg: a, alpha, d of each joint, m and rad; masses, centres behind it."""
-    lines, origin = [f'<robot name="{name}">', '<link name="base"/>'], ""
-    for k, (a, alpha, d) in enumerate(steps):
-        body = ""
-        if masses:
-            mass, centre = masses[k]
-            # the link's frame turns with the joint, before a, alpha and d
-            x, y, z = centre  # type: ignore[misc]
-            place = np.array([a, 0, d]) + np.array(
-                [x, np.cos(alpha) * y - np.sin(alpha) * z, np.sin(alpha) * y + np.cos(alpha) * z]
-            )
-            body = (
-                f'<inertial><origin xyz="{" ".join(map(repr, place.tolist()))}"/><mass value="{mass}"/>'
-                '<inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>'
-            )
-        lines += [
-            f'<link name="link{k + 1}">{body}</link>',
-            f'<joint name="joint{k + 1}" type="revolute"><parent link="{f"link{k}" if k else "base"}"/>'
-            f'<child link="link{k + 1}"/>{origin}<axis xyz="0 0 1"/>'
-            '<limit lower="-6.3" upper="6.3" effort="1" velocity="1"/></joint>',
-        ]
-        origin = f'<origin xyz="{float(a)!r} 0 {float(d)!r}" rpy="{float(alpha)!r} 0 0"/>'
-    return "\n".join(
-        [
-            *lines,
-            '<link name="tool0"/>',
-            f'<joint name="flange" type="fixed"><parent link="link{len(steps)}"/><child link="tool0"/>{origin}</joint>',
-            "</robot>",
-        ]
-    )
+    steps = ((0, 90, d1), (a2, 0, 0), (a3, 0, 0), (0, 90, d4), (0, -90, d5), (0, 0, d6))
+    dh = Dh(table=[(*step, 0) for step in steps], units=("m", "deg"))
+    return drafts(dh_urdf(dh))[1], "init"
