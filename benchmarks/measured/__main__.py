@@ -8,6 +8,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from numpy.linalg import LinAlgError
+
 from benchmarks.measured.declared import FILE, MissingSet, names
 from benchmarks.measured.judge import Outcome, judge, judge_factory, quiet
 from benchmarks.measured.page import tables, write, write_docs
@@ -28,7 +30,7 @@ def outcomes_of(folder: Path) -> tuple[list[Outcome], list[str]]:
             if measured is None:
                 continue
             outcome = judge(measured)
-        except (MissingSet, InputError) as error:
+        except (MissingSet, InputError, LinAlgError) as error:
             skipped += [f"{name}: {text}" for text in lines(error)]
             continue
         outcome.seconds = time.process_time() - begin
@@ -42,9 +44,9 @@ def outcomes_of(folder: Path) -> tuple[list[Outcome], list[str]]:
     return found, skipped
 
 
-def lines(error: MissingSet | InputError) -> Sequence[str]:
+def lines(error: MissingSet | InputError | LinAlgError) -> Sequence[str]:
     """Return what is wrong, one line for each mistake."""
-    if isinstance(error, MissingSet):
+    if not isinstance(error, InputError):
         return error.args
     return [str(entry).removeprefix("precision-pin: error ") for entry in error.findings if entry.severity == "error"]
 

@@ -272,10 +272,12 @@ def judge(measured: MeasuredSet) -> Outcome:
                 found.append(quiet(predict, model, fit, rows[seen], rows[new]))
             if measured.judged is None:
                 fit = quiet(calibrated, model, rows, measured.guess)
-        except InputError as error:
+        except (InputError, np.linalg.LinAlgError) as error:
             if name == "geometry":
                 raise
-            notes.append(f"{VARIANTS[name]}: no fit; {error.findings[0].message}")
+            notes.append(
+                f"{VARIANTS[name]}: no fit ({error.findings[0].message if isinstance(error, InputError) else error})"
+            )
             break
         last = model
         distances[name] = np.concatenate([one.distances.ravel() for one in found])
