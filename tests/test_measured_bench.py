@@ -4,6 +4,7 @@ import csv
 import importlib
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -445,6 +446,43 @@ def test_places_that_were_visited_again_are_left_out_together():
     found = judge.splits(sets.MeasuredSet("", "", "", None, "", rows))
     assert [new.tolist() for _, new in found] == [[0, 6, 7], [1, 3, 8], [2, 9], [4, 10], [5, 11]]
     assert all(sorted([*seen, *new]) == list(range(12)) for seen, new in found)
+
+
+def test_a_reading_is_gross_if_it_is_far_off_and_has_no_weight(monkeypatch):
+    judge, sets, rng = load("judge"), load("sets"), np.random.default_rng(12)
+    rows = sets.Rows(rng.uniform(-2, 2, (6, 12)), rng.normal(size=(2, 12, 3)), np.zeros((6, 12), dtype=np.int8))
+    measured = sets.MeasuredSet("", "", "", None, "", rows)
+    # by target and row: the first two have no weight, the second of them is near, and the third is foretold badly
+    size = np.ones((2, 12))
+    size[1, 7] = size[0, 3] = 50
+    fit = SimpleNamespace(gross_errors=[SimpleNamespace(reading=12 + 7), SimpleNamespace(reading=5)])
+    monkeypatch.setattr(judge, "calibrated", lambda *_: fit)
+    judged = np.concatenate([size[:, new].ravel() for _, new in judge.splits(measured)])
+    is_gross = judge.gross_readings(None, measured, judged)
+    assert is_gross.sum() == 1
+    # row 7 is the second of the third group, and its second target
+    order = [(target, row) for _, new in judge.splits(measured) for target in range(2) for row in new]
+    assert order[int(np.flatnonzero(is_gross)[0])] == (1, 7)
+
+
+def test_a_fit_that_ends_badly_leaves_the_others(tmp_path, monkeypatch, capsys):
+    judge, calls = load("judge"), []
+
+    def calibrated(*arguments):
+        calls.append(arguments)
+        if len(calls) > 1:
+            raise np.linalg.LinAlgError("singular")
+        return fitted(*arguments)
+
+    fitted = judge.calibrated
+    write_set(tmp_path / "wam-tracker", {"grid.csv": 40, "random.csv": 8})
+    monkeypatch.setattr(judge, "calibrated", calibrated)
+    assert load("__main__").main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    (row,) = judged_rows(tmp_path / "out")
+    assert (row["geometry"] != "", row["geometry and drives"]) == (True, "")
+    assert "- WAM: geometry and drives: no fit (singular)" in (tmp_path / "out" / "measured.md").read_text("utf-8")
+    assert load("__main__").main([str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "skipped wam-tracker: singular" in capsys.readouterr().err
 
 
 def test_base_and_target_are_found_beside_gross_readings():

@@ -237,7 +237,7 @@ def splits(measured: MeasuredSet) -> list[tuple[NDArray[np.intp], NDArray[np.int
     if measured.judged is not None:
         return [(row[: len(measured.fit)], row[len(measured.fit) :])]
     group = visited(measured.fit.q) % FOLDS
-    return [(row[group != k], row[group == k]) for k in range(FOLDS)]
+    return [(row[group != k], row[group == k]) for k in range(FOLDS) if (group == k).any()]
 
 
 def visited(q: Array) -> NDArray[np.intp]:
@@ -297,7 +297,7 @@ def judge(measured: MeasuredSet) -> Outcome:
             f"{is_gross.sum()} of {apart.size} readings at unseen poses are gross, {apart[is_gross].min():.3g} to "
             f"{apart[is_gross].max():.3g} mm off where the median is {np.median(apart):.3g}: they are in no mean"
         )
-    judged = f"{len(parts[0][1])} set apart" if measured.judged is not None else f"{FOLDS} groups"
+    judged = f"{len(parts[0][1])} set apart" if measured.judged is not None else f"{len(parts)} groups"
     means = {name: float(values[~is_gross].mean()) for name, values in distances.items()}
     return Outcome(
         *(measured.robot, measured.instrument, len(measured.fit), judged, measured.forecast_by, band, means["before"]),
