@@ -13,11 +13,12 @@ import precision_pin as pp
 from precision_pin.analyses.iso9283.cube import Cube, ToolPoses, lattice_of, paths_of_approach, standard_poses
 from precision_pin.analyses.iso9283.figure import figure
 from precision_pin.analyses.iso9283.figures import mean_distance, read_cycles, repeatability_limit
-from precision_pin.analyses.iso9283.result import FigureLaw, pose_names
+from precision_pin.analyses.iso9283.result import pose_names
 from precision_pin.analyses.iso9283.table import iso9283_table, verdict
 from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.robot.examples import PAPER_SHEET, shipped_sheets
 from precision_pin.sources import Backlash, JointOffset, Length, Servo, Thermal
+from precision_pin.statistics import SampleLaw
 from sampling.cases import MODEL
 from support import plain_robot
 from support.checks.common import one_link
@@ -177,7 +178,7 @@ def test_limits_are_kept_at_every_pose():
 
 
 def test_quantiles_of_a_law():
-    law = FigureLaw(np.random.default_rng(3).permutation(100.0 + np.arange(101)), 0.95)
+    law = SampleLaw(np.random.default_rng(3).permutation(100.0 + np.arange(101)), 0.95, (0.5,))
     assert law.quantile(0.5) == 150
     low, high = law.quantile_interval(0.5)
     assert stats.binom.cdf(high - 101, 101, 0.5) - stats.binom.cdf(low - 100, 101, 0.5) > 0.9

@@ -242,6 +242,7 @@ def test_the_law_over_robots_is_that_of_a_plain_simulation():
     ]
     assert_allclose(Elasticity(model).at(ANGLES).whole(x), np.moveaxis(alone, 0, -1), rtol=1e-12, atol=1e-18)
     assert pp.stiffness(model, robots=10).poses[0].softest.law.quantiles[0.95] is None
+    assert pp.stiffness(model, robots=1).to_dict()["poses"][0]["softest"]["std"] is None
 
 
 def test_robots_at_rest_are_those_solved_one_by_one():

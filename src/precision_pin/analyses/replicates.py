@@ -32,7 +32,6 @@ from precision_pin.base.arguments import check_whole
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.draws.space import Space
-from precision_pin.statistics import quantile_ranks
 from precision_pin.statistics.intervals import studentised
 
 REPLICATES: Final = 32
@@ -93,26 +92,6 @@ def jackknife(statistic: Callable[[NDArray[np.bool_]], Array], confidence: float
 def estimated(value: Array, pseudo: Array, confidence: float) -> Estimates:
     """Return estimates from their pseudo-values ``(REPLICATES, …)``."""
     return Estimates(value, half_widths(pseudo, confidence), pseudo.var(axis=0, ddof=1))
-
-
-def quantile_of(
-    values: Array, probability: float, confidence: float, *, is_sorted: bool = False
-) -> tuple[Array, Array]:
-    """Return a quantile of each row of ``(k, N)`` and its distribution-free interval, ``(k,)`` and ``(2, k)``.
-
-    The order statistics at rank 1 + (N - 1) p are interpolated linearly, as in
-    :class:`precision_pin.statistics.Distribution`. The interval is NaN where the samples are too few for one.
-    """
-    count = values.shape[1]
-    position = (count - 1) * probability
-    below = min(math.floor(position), count - 1)
-    above = min(below + 1, count - 1)
-    ranks = quantile_ranks(count, probability, confidence)
-    ends = () if ranks is None else (ranks[0] - 1, ranks[1] - 1)
-    ordered = values if is_sorted else np.partition(values, sorted({below, above, *ends}), axis=1)
-    quantile: Array = ordered[:, below] + (position - below) * (ordered[:, above] - ordered[:, below])
-    interval = np.full((2, len(values)), np.nan) if ranks is None else np.stack([ordered[:, rank] for rank in ends])
-    return quantile, interval
 
 
 def half_widths(pseudo: Array, confidence: float) -> Array:

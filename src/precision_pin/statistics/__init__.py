@@ -18,6 +18,7 @@ from precision_pin.statistics.intervals import (
     quantile_ranks,
 )
 from precision_pin.statistics.plan import COMPONENTS, NORMS, QUANTITIES, Plan, Specification
+from precision_pin.statistics.sample_law import SampleLaw
 from precision_pin.statistics.summary import (
     NO_GROUNDS,
     NO_SPREAD,
@@ -40,6 +41,7 @@ __all__ = [
     "Grounds",
     "Histogram",
     "Plan",
+    "SampleLaw",
     "Specification",
     "SpecificationResult",
     "State",

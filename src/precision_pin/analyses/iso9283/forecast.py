@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from precision_pin.analyses.iso9283 import figures as formulas
 from precision_pin.analyses.iso9283.cube import paths_of_approach, standard_poses
-from precision_pin.analyses.iso9283.result import OF_ANGLES, OF_POSE, SINGLE, FigureLaw, Iso9283Result, PoseForecast
+from precision_pin.analyses.iso9283.result import LEVELS, OF_ANGLES, OF_POSE, SINGLE, Iso9283Result, PoseForecast
 from precision_pin.analyses.provenance import PoseLabel, Provenance
 from precision_pin.base import arguments, se3
 from precision_pin.base.arrays import Array
@@ -35,7 +35,7 @@ from precision_pin.sampling.approaches import ApproachErrors, sample_approaches
 from precision_pin.sampling.run import check_common
 from precision_pin.sampling.verdict_grounds import exact_findings, grounds_at
 from precision_pin.sampling.workers import in_order
-from precision_pin.statistics import NO_GROUNDS, NO_SPREAD, Grounds, SpecificationResult, clopper_pearson
+from precision_pin.statistics import NO_GROUNDS, NO_SPREAD, Grounds, SampleLaw, SpecificationResult, clopper_pearson
 from precision_pin.statistics.plan import specification
 
 CYCLES: Final = 30
@@ -137,8 +137,8 @@ def iso9283(
         )
     labels = [replace(PoseLabel.of(model, None, at), name=name) for at, name in zip(models, names, strict=True)]
 
-    def law(values: Array) -> FigureLaw:
-        return FigureLaw(np.ascontiguousarray(values), confidence)
+    def law(values: Array) -> SampleLaw:
+        return SampleLaw(np.ascontiguousarray(values), confidence, LEVELS)
 
     forecasts = {
         f"P{pose + 1}": PoseForecast(
@@ -227,7 +227,7 @@ def _figures_of_test(
 def _judge(
     limit: FigureLimit,
     forecasts: Mapping[str, PoseForecast],
-    single: Mapping[str, FigureLaw | None],
+    single: Mapping[str, SampleLaw | None],
     absent: Mapping[str, str],
     confidence: float,
     grounds: Grounds,

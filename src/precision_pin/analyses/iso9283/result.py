@@ -9,11 +9,9 @@ any laws and dependence of the figures; medians and quantiles are those of all N
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final, overload
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,16 +19,14 @@ from numpy.typing import ArrayLike
 from precision_pin.analyses.iso9283 import figures as formulas
 from precision_pin.analyses.iso9283.cube import Cube
 from precision_pin.analyses.provenance import PoseLabel
-from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base import se3
-from precision_pin.base.arguments import check_mapping, check_number, check_numbers
-from precision_pin.base.arrays import Array, Keys, Record, returns_read_only
+from precision_pin.base.arguments import check_mapping, check_numbers
+from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import InputError, UnknownNameError, warns_at_end
 from precision_pin.render.html import Table, rendered
 from precision_pin.render.tables import data_frame, interval_columns, milli, number
-from precision_pin.statistics import SpecificationResult
-from precision_pin.statistics.distribution import resolved
+from precision_pin.statistics import SampleLaw, SpecificationResult
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -38,74 +34,6 @@ if TYPE_CHECKING:
 
 LEVELS: Final = (0.0027, 0.05, 0.5, 0.95, 0.9973)
 """Probabilities of the quantiles in the JSON."""
-
-
-@dataclass(frozen=True, eq=False)
-class FigureLaw(Record):
-    """Law of a figure, m or rad, over built robots and tests; ``values`` are those of each robot (E: group of five)."""
-
-    KEYS: ClassVar[Keys] = ("mean", "std", "quantiles", "quantile_interval=intervals")
-
-    values: Array
-    confidence: float
-
-    def __repr__(self) -> str:
-        return f"<FigureLaw: mean {self.mean:.6g}, std {self.std:.6g}, N = {self.values.size}>"
-
-    @property
-    def mean(self) -> float:
-        """Mean."""
-        return float(self.values.mean())
-
-    @property
-    def std(self) -> float:
-        """Standard deviation, divisor N - 1; NaN for one robot."""
-        return float(self.values.std(ddof=1)) if self.values.size > 1 else math.nan
-
-    @overload
-    def quantile(self, probability: float) -> float: ...
-    @overload
-    def quantile(self, probability: Sequence[float] | Array) -> Array: ...
-    def quantile(self, probability: float | Sequence[float] | Array) -> float | Array:
-        """Return a quantile, or several; raises InputError also where the robots are too few for its interval."""
-        return resolved(self.resolved_quantile, probability, "the figure", len(self.sorted), self.confidence)
-
-    def resolved_quantile(self, probability: float) -> float | None:
-        """Return a quantile; ``None`` where the robots are too few for its interval.
-
-        Raises:
-            InputError: The probability is not between 0 and 1.
-        """
-        return self._quantile(probability)[0]
-
-    def quantile_interval(self, probability: float) -> tuple[float, float] | None:
-        """Return the distribution-free interval of a quantile, as :meth:`quantile`."""
-        return self._quantile(probability)[1]
-
-    def _quantile(self, probability: float) -> tuple[float, tuple[float, float]] | tuple[None, None]:
-        subject, allowed = "the probability of a quantile", "above 0 and below 1"
-        level = check_number(subject, probability, allowed, lambda p: 0 < p < 1)
-        value, interval = quantile_of(self.sorted[None], level, self.confidence, is_sorted=True)
-        low, high = interval[:, 0].tolist()
-        return (None, None) if math.isnan(low) else (float(value[0]), (low, high))
-
-    @cached_property
-    @returns_read_only
-    def sorted(self) -> Array:
-        """The values in ascending order."""
-        return np.sort(self.values)
-
-    @property
-    def quantiles(self) -> dict[float, float | None]:
-        """Quantiles of the JSON."""
-        return {level: self.resolved_quantile(level) for level in LEVELS}
-
-    @property
-    def intervals(self) -> dict[float, tuple[float, float] | None]:
-        """Intervals of these quantiles."""
-        return {level: self.quantile_interval(level) for level in LEVELS}
-
-
 OF_POSITION: Final = ("AP", "RP", "AP_x", "AP_y", "AP_z")
 """Figures of the position."""
 OF_ANGLES: Final = ("AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c")
@@ -134,18 +62,18 @@ class PoseForecast(Record):
     label: PoseLabel
     commanded: Array
     point: Array
-    AP: FigureLaw
-    RP: FigureLaw
-    AP_x: FigureLaw
-    AP_y: FigureLaw
-    AP_z: FigureLaw
-    AP_a: FigureLaw
-    AP_b: FigureLaw
-    AP_c: FigureLaw
-    RP_a: FigureLaw
-    RP_b: FigureLaw
-    RP_c: FigureLaw
-    RP_limit: FigureLaw
+    AP: SampleLaw
+    RP: SampleLaw
+    AP_x: SampleLaw
+    AP_y: SampleLaw
+    AP_z: SampleLaw
+    AP_a: SampleLaw
+    AP_b: SampleLaw
+    AP_c: SampleLaw
+    RP_a: SampleLaw
+    RP_b: SampleLaw
+    RP_c: SampleLaw
+    RP_limit: SampleLaw
 
 
 LEAST: Final = 0.05
@@ -323,13 +251,13 @@ class Iso9283Result(AnalysisResult):
     mass: float
     fit_base: bool
     poses: Mapping[str, PoseForecast]
-    worst: Mapping[str, FigureLaw]
-    AD: FigureLaw | None
-    RD: FigureLaw | None
-    E: FigureLaw | None
-    vAP: FigureLaw | None = None
-    RP_bidirectional: FigureLaw | None = None
-    drift: FigureLaw | None = None
+    worst: Mapping[str, SampleLaw]
+    AD: SampleLaw | None
+    RD: SampleLaw | None
+    E: SampleLaw | None
+    vAP: SampleLaw | None = None
+    RP_bidirectional: SampleLaw | None = None
+    drift: SampleLaw | None = None
     cube: Cube | None = None
     measured: Comparison | None = None
     specifications: tuple[SpecificationResult, ...] = ()
@@ -340,7 +268,7 @@ class Iso9283Result(AnalysisResult):
         """Whether every specification is met; true without any."""
         return all(result.met for result in self.specifications)
 
-    def laws(self) -> Iterator[tuple[str, str, FigureLaw]]:
+    def laws(self) -> Iterator[tuple[str, str, SampleLaw]]:
         """Yield pose, name and law of every figure; the pose is empty for figures of a whole test."""
         for pose, forecast in self.poses.items():
             for name in OF_POSE:

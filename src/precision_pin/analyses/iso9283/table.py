@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, FigureLaw, Iso9283Result
+from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, Iso9283Result
 from precision_pin.base.errors import shown, visible
 from precision_pin.render.tables import ROUNDING, milli, plain, resting_on
 from precision_pin.render.text_table import aligned, limited
 from precision_pin.sampling.table import verdict_line
-from precision_pin.statistics import SpecificationResult, format_inside
+from precision_pin.statistics import SampleLaw, SpecificationResult, format_inside
 from precision_pin.statistics.intervals import format_interval
 
 # maximum number of differing figures that the verdict names
@@ -168,7 +168,7 @@ def _measured_rows(measured: Comparison) -> list[str]:
     return aligned(rows)
 
 
-def _quantile(law: FigureLaw, level: float) -> tuple[str, str]:
+def _quantile(law: SampleLaw, level: float) -> tuple[str, str]:
     value, interval = law.resolved_quantile(level), law.quantile_interval(level)
     if value is None or interval is None:
         return "-", "-"
@@ -178,7 +178,7 @@ def _quantile(law: FigureLaw, level: float) -> tuple[str, str]:
     return format_inside(1e3 * value, (1e3 * interval[0], 1e3 * interval[1]), most=5), f"[{low}, {high}]"
 
 
-def _quantile_text(law: FigureLaw, level: float) -> str:
+def _quantile_text(law: SampleLaw, level: float) -> str:
     return _quantile(law, level)[0]
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.provenance import PosesGiven, Provenance, approached, pose_set
-from precision_pin.analyses.replicates import quantile_of
 from precision_pin.analyses.result import AnalysisResult
 from precision_pin.base.arguments import check_memory, check_number, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
@@ -42,9 +41,10 @@ from precision_pin.sampling.verdict_grounds import (
     strained_findings,
 )
 from precision_pin.sampling.workers import in_order
-from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, Specification, SpecificationResult
+from precision_pin.statistics import COMPONENTS, NORMS, QUANTITIES, SampleLaw, Specification, SpecificationResult
 from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks
 from precision_pin.statistics.plan import Specifications, listed_specifications, sizes_of
+from precision_pin.statistics.sample_law import quantile_of
 from precision_pin.statistics.summary import NO_GROUNDS, NO_SPREAD, Grounds, is_varying, with_norms
 
 if TYPE_CHECKING:
@@ -139,8 +139,8 @@ class PathResult(AnalysisResult):
         return self.largest[[QUANTITIES.index(f"{name}.norm") for name in _NORMS]]
 
     @cached_property
-    def _ordered(self) -> Array:
-        return np.sort(self.maximum, axis=1)
+    def _laws(self) -> tuple[SampleLaw, ...]:
+        return tuple(SampleLaw(largest, self.confidence, self.levels) for largest in self.maximum)
 
     @property
     def levels(self) -> tuple[float, ...]:
@@ -149,10 +149,8 @@ class PathResult(AnalysisResult):
 
     def maximum_quantile(self, norm: int, probability: float) -> MaximumQuantile:
         """Return a quantile of the largest |d| (``norm`` 0) or |δ| (1), from its order statistics."""
-        value, (low, high) = quantile_of(self._ordered[norm][None], probability, self.confidence, is_sorted=True)
-        if np.isnan(low[0]):
-            return MaximumQuantile(probability, None, None)
-        return MaximumQuantile(probability, float(value[0]), (float(low[0]), float(high[0])))
+        law = self._laws[norm]
+        return MaximumQuantile(probability, law.resolved_quantile(probability), law.quantile_interval(probability))
 
     def simultaneous(self, norm: int) -> Band:
         """Return the simultaneous band of |d| (``norm`` 0) or |δ| (1), with its coverage by fresh robots."""
@@ -205,13 +203,12 @@ class PathResult(AnalysisResult):
     def maxima(self) -> dict[str, Any]:
         """Law of the largest |d| and |δ| along the path, as in the JSON."""
         entries = {}
-        for norm, name in enumerate(_NORMS):
-            quantiles = [self.maximum_quantile(norm, level) for level in self.levels]
+        for norm, (name, law) in enumerate(zip(_NORMS, self._laws, strict=True)):
             entries[name] = {
-                "min": self._ordered[norm, 0],
-                "max": self._ordered[norm, -1],
-                "quantiles": {level.probability: level.value for level in quantiles},
-                "quantile_interval": {level.probability: level.interval for level in quantiles},
+                "min": law.sorted[0],
+                "max": law.sorted[-1],
+                "quantiles": law.quantiles,
+                "quantile_interval": law.intervals,
                 "most_often_at": self.poses.labels[self.worst_pose(norm)],
             }
         return entries

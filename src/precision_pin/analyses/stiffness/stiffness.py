@@ -38,7 +38,8 @@ from precision_pin.robot.chain import pose_findings
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling import Progress
 from precision_pin.sampling.run import check_common
-from precision_pin.statistics.intervals import clopper_pearson, quantile_ranks, tolerance_ranks
+from precision_pin.statistics.intervals import clopper_pearson, tolerance_ranks
+from precision_pin.statistics.sample_law import SampleLaw
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -61,24 +62,12 @@ _DIFFERENT: Final = 0.01
 
 @dataclass(frozen=True, eq=False)
 class RobotLaw(Record):
-    """Law of a number over robots, SI; quantiles by probability, None where the robots do not resolve them."""
+    """Law of a number over robots, SI, without the robots; quantiles by probability, None where they do not resolve them."""
 
     mean: float
     std: float
     quantiles: Mapping[float, float | None]
     quantile_interval: Mapping[float, tuple[float, float] | None]
-
-    @classmethod
-    def of(cls, values: Array, confidence: float) -> RobotLaw:
-        """Return the law of values ``(N,)``, with intervals between order statistics."""
-        ordered = np.sort(values)
-        intervals: dict[float, tuple[float, float] | None] = {}
-        for level in LEVELS:
-            ranks = quantile_ranks(len(values), level, confidence)
-            intervals[level] = None if ranks is None else (float(ordered[ranks[0] - 1]), float(ordered[ranks[1] - 1]))
-        between = np.interp((len(values) - 1) * np.array(LEVELS), np.arange(len(values)), ordered).tolist()
-        levels = {p: value if intervals[p] else None for p, value in zip(LEVELS, between, strict=True)}
-        return cls(float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else 0.0, levels, intervals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -550,7 +539,8 @@ class _Loading:
         return Direction("softest", u, float(sizes[-1]), self._law(_largest(sampled)))
 
     def _law(self, values: Array) -> RobotLaw:
-        return RobotLaw.of(values, self.confidence)
+        law = SampleLaw(values, self.confidence, LEVELS)
+        return RobotLaw(law.mean, law.std, law.quantiles, law.intervals)
 
     def _interval(self, sampled: Array) -> Array | None:
         ranks = tolerance_ranks(sampled.shape[-1], CONTENT, self.confidence)
