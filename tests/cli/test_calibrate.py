@@ -86,10 +86,13 @@ def test_the_set_up_is_that_of_the_sheet_where_options_say_nothing(run, folder):
         (("--std", "0.1 mm", "--point-known", "--base-known"), known),
         (("--kind", "pose"), {"kind": "pose"}),
         (("--set", "measurement.std=0.05 mm"), {"std": 5e-5}),
+        # read as in the sheet: a length and a share of the distance, and a plus sign of a single length
+        (("--kind", "distance", "--std", "1 mm/m + 1e+0 m"), {"sight": {"along": [1, 1e-3], "across": None}, "std": 1}),
+        (("--kind", "distance", "--std", "+1e+1 mm"), {"sight": None, "std": 0.01}),
     ):
         asked = ("calibrate", "set.errors.yaml", "--forecast", "--random", "8", "--json", "-")
         found = run(*asked, *options).json["measurement"]
-        expected = usual | {"load": []} | changed
+        expected = usual | {"load": [], "kind": found["kind"]} | changed
         assert {name: found[name] for name in expected} == expected
     # in Python too
     model, plain = (pp.ErrorModel.load(folder / name) for name in ("set.errors.yaml", SHEET))

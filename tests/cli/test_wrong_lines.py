@@ -145,6 +145,7 @@ WRONG = {
     "calibrate 4dof.errors.yaml data.csv --random 3": "the measured poses are those of the data",
     "calibrate --forecast --urdf x.urdf": "--no-prior, --only, --urdf and --sheet belong to a calibration with data",
     "calibrate --forecast --std 0.1": "--std",
+    "calibrate --forecast --kind distance --std '1 um + 2 kg'": "--std: std of a distance such as",
     "calibrate --forecast --at nowhere": "nowhere",
     "calibrate 4dof.errors.yaml flat.csv": "flat.csv.*no column for z; a position needs x, y, z",
     "calibrate 4dof.errors.yaml angle.csv": "angle.csv.*'deg' of the column 'x' is not a unit of length",

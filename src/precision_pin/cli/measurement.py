@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from precision_pin.base import units
 from precision_pin.base.errors import InputError
 from precision_pin.cli.options import Options, headed_option, together
 
@@ -15,12 +14,8 @@ if TYPE_CHECKING:
     from precision_pin.sheet import Sheet
     from precision_pin.sheet.measurement import Measurement
 
-_NUMBERS: Final = (
-    ("std", units.LENGTH, 1),
-    ("attitude_std", units.ANGLE, 1),
-    *((name, units.LENGTH, 3) for name in ("point", "anchor", "visible_from")),
-)
-"""Numeric options with their count of numbers."""
+_NUMBERS: Final = ("std", "attitude_std", "point", "anchor", "visible_from")
+"""Numeric options; the point is the setting ``target``."""
 _option: Final = partial(headed_option, heading="Instrument")
 
 measurement_options: Final = together(
@@ -70,26 +65,22 @@ def measurements_of(sheet: Sheet, options: Options) -> tuple[Measurement, ...]:
 
 
 def _changed(stated: Measurement, options: Options) -> Measurement:
-    from precision_pin.sheet.measurement import ESTIMATE, KIND_SETTINGS, Measurement
+    from precision_pin.sheet.measurement import ESTIMATE, KIND_SETTINGS, Measurement, read_setting
 
     given: dict[str, Any] = {name: getattr(stated, name) for name in Measurement.__match_args__}
     if options["kind"] is not None and options["kind"] != stated.kind:
         given = {name: value for name, value in given.items() if name not in KIND_SETTINGS}
     given |= {name: options[name] for name in ("kind", "columns") if options[name] is not None}
-    if options["std"] is not None:
-        given |= {"std_known": options["std"].strip() != ESTIMATE, "sight": None, "stands_at": None}
-    for option, quantity, count in _NUMBERS:
-        text = options[option]
-        if text is None or (option == "std" and not given["std_known"]):
-            continue
-        if option == "std" and given["kind"] == "distance" and "+" in text:
-            given["std"] = text  # a length and a share of the distance
-            continue
+    for option in (option for option in _NUMBERS if options[option] is not None):
+        setting = "target" if option == "point" else option
         try:
-            numbers = units.parse_vector(text, quantity, count=count)
+            value = read_setting(setting, options[option])
         except InputError as error:
             raise _usage(f"--{option.replace('_', '-')}: {error.findings[0].message}") from None
-        given["target" if option == "point" else option] = numbers[0] if count == 1 else tuple(numbers)
+        if option == "std":
+            given |= {"std_known": value != ESTIMATE, "sight": None, "stands_at": None}
+        if value != ESTIMATE:
+            given[setting] = value
     if options["base_free"] is not None:
         given["base"] = "free" if options["base_free"] else "known"
     if options["point_free"] is not None:

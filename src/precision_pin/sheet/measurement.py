@@ -42,7 +42,7 @@ from precision_pin.base.arguments import (
 )
 from precision_pin.base.arrays import Array, encode
 from precision_pin.base.csv_columns import ColumnNames
-from precision_pin.base.errors import InputError
+from precision_pin.base.errors import InputError, UnitError
 from precision_pin.base.units import ANGLE, LENGTH
 from precision_pin.robot.chain import Chain
 from precision_pin.sheet.drift import Drift, DriftEntry
@@ -272,7 +272,7 @@ class Measurement:
             self._fix("std", type(self).std)
             self._fix("std_known", False)
         sight = Sight.of(self.std) if isinstance(self.std, Mapping) else None
-        if self.kind == "distance" and isinstance(self.std, str):
+        if isinstance(self.std, str):
             sight = Sight.of_distance(self.std)
         if sight is not None:
             self._fix("sight", sight)
@@ -747,19 +747,21 @@ def _read(path: tuple[str | int, ...], text: Any) -> Any:
     if isinstance(text, DriftEntry):
         with placed("drift"):
             return Drift.of(text.model_dump())
-    if path == ("std",) and text.strip() == ESTIMATE:
-        return ESTIMATE
-    if path == ("std",):
-        with placed("std"):
-            if Sight.of_distance(text) is not None:
-                return text
-    name = next(key for key in reversed(path) if isinstance(key, str))
     try:
-        if name not in _SINGLE:
-            return tuple(units.parse_vector(text, _NO_LENGTHS.get(name, LENGTH), count=3))
-        value = units.parse(text, _NO_LENGTHS.get(name, LENGTH))
-    except InputError as error:
+        return read_setting(next(key for key in reversed(path) if isinstance(key, str)), text)
+    except UnitError as error:
         raise SettingError(path, f"{'.'.join(map(str, path))}: {error.findings[0].message}") from None
+    except InputError as error:
+        raise SettingError(path, error) from None
+
+
+def read_setting(name: str, text: str) -> Any:
+    """Return the number or three numbers of a setting in SI; of ``std`` also words and sums, as they are; raise if invalid."""
+    if name == "std" and (text.strip() == ESTIMATE or Sight.of_distance(text) is not None):
+        return text.strip()
+    if name not in _SINGLE:
+        return tuple(units.parse_vector(text, _NO_LENGTHS.get(name, LENGTH), count=3))
+    value = units.parse(text, _NO_LENGTHS.get(name, LENGTH))
     if value <= 0 and name.endswith("std"):
-        raise SettingError(path, f"{name} must be above zero, got {shown(text)}")
+        raise InputError(f"{name} must be above zero, got {shown(text)}")
     return value

@@ -26,7 +26,7 @@ from precision_pin.base.errors import InputError
 from precision_pin.base.units import LENGTH, RELATIVE_LENGTH
 
 DIRECTIONS: Final = ("along", "across")
-_PLUS: Final = re.compile(r"(?<![eE])\+")
+_PLUS: Final = re.compile(r"(?<=[^eE\s])\s*\+")
 _DEFAULT: Final = "10 um + 5 um/m"
 
 

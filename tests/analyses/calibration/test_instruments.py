@@ -108,7 +108,7 @@ def test_a_distance_has_a_share_of_itself():
     check_refused(
         ("std of a distance must be a length and a share", pp.Measurement, "distance", "10 um + 3 um"),
         ("std of a distance such as .* 'kg' in '3 kg' is not a unit", pp.Measurement, "distance", "10 um + 3 kg"),
-        ("the standard deviation of a measurement", pp.Measurement, "position", "10 um + 3 um/m"),
+        ("belongs to a distance, not to a position", pp.Measurement, "position", "10 um + 3 um/m"),
         ("belongs to a distance, not to a position", lambda: replace(bar, kind="position", anchor=(0, 0, 0))),
     )
 
