@@ -146,28 +146,19 @@ def approached(model: ErrorModel, data: CalibrationData, approach: object) -> Ca
 
 def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
     width = max(part.readings.shape[1] for part in parts)
-    std, group = np.zeros(0), np.zeros(0)
-    if any(part.std.size for part in parts):
-        # one number says less than the line of sight
-        usual = (np.array([np.nan if m.sight else m.std for m in part.measurements])[part.part] for part in parts)
-        std = np.concatenate([part.std if part.std.size else stds for part, stds in zip(parts, usual, strict=True)])
-    if any(part.group.size for part in parts):
-        # a reading without a group forms a group of one
-        free_group = 1 + max(part.group.max() for part in parts if part.group.size)
-        starts = zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)
-        group = np.concatenate([part.group if part.group.size else free_group + part.visit + k for part, k in starts])
-    ratios = np.zeros((0, 3))
-    if any(part.axis_ratios.size for part in parts):
-        ratios = np.concatenate(
-            [part.axis_ratios if part.axis_ratios.size else np.ones((len(part), 3)) for part in parts]
-        )
+    starts = np.cumsum([0, *map(len, parts)]).tolist()
     part_offsets = np.cumsum([0, *(len(part.measurements) for part in parts)])
     visit_offsets = np.cumsum([0, *(int(part.visit.max(initial=-1)) + 1 for part in parts)])
+    # one number says less than the line of sight
+    stds = [np.array([np.nan if m.sight else m.std for m in part.measurements])[part.part] for part in parts]
+    # a reading without a group forms a group of one
+    free_group = 1 + max((part.group.max() for part in parts if part.group.size), default=0)
+    groups = [free_group + part.visit + k for part, k in zip(parts, starts, strict=False)]
     return CalibrationData(
         np.ascontiguousarray(np.hstack([part.q for part in parts])),
         np.concatenate([_padded(part.readings, width) for part in parts]),
-        std,
-        group,
+        _joined([part.std for part in parts], stds),
+        _joined([part.group for part in parts], groups),
         parts[0].file,
         tuple(line for part in parts for line in part.lines),
         tuple(measurement for part in parts for measurement in part.measurements),
@@ -175,19 +166,26 @@ def _concatenate(parts: Sequence[CalibrationData]) -> CalibrationData:
         np.concatenate([part.part + k for part, k in zip(parts, part_offsets, strict=False)]),
         np.concatenate([part.visit + k for part, k in zip(parts, visit_offsets, strict=False)]),
         tuple(finding for part in parts for finding in part.findings),
-        ratios,
-        tuple(
-            session.moved(int(k))
-            for part, k in zip(parts, np.cumsum([0, *map(len, parts)]), strict=False)
-            for session in part.sessions
+        np.ascontiguousarray(
+            _joined([part.axis_ratios.T for part in parts], [np.ones((3, len(part))) for part in parts]).T
         ),
-        np.hstack([part.q_read for part in parts]) if all(part.q_read.size for part in parts) else np.zeros((0, 0)),
-        np.concatenate([part.temperature for part in parts])
-        if all(part.temperature.size for part in parts)
-        else np.zeros(0),
-        np.hstack([part.speed for part in parts]) if all(part.speed.size for part in parts) else np.zeros((0, 0)),
-        _concatenated_approaches(parts),
+        tuple(session.moved(k) for part, k in zip(parts, starts, strict=False) for session in part.sessions),
+        _joined([part.q_read for part in parts]),
+        _joined([part.temperature for part in parts]),
+        _joined([part.speed for part in parts]),
+        _joined([part.approaches for part in parts], [np.zeros(part.q.shape, np.int8) for part in parts]),
     )
+
+
+def _joined(arrays: Sequence[NDArray[Any]], usual: Sequence[NDArray[Any]] | None = None) -> NDArray[Any]:
+    """Return arrays ``(…, P)`` of the parts side by side, the usual one for a part without; empty if none has any.
+
+    Without usual ones it is empty unless every part has one.
+    """
+    if usual is not None and any(array.size for array in arrays):
+        arrays = [array if array.size else other for array, other in zip(arrays, usual, strict=True)]
+    is_whole = all(array.size for array in arrays)
+    return np.hstack(arrays) if is_whole else np.zeros((0,) * arrays[0].ndim, arrays[0].dtype)
 
 
 def _without_fixed(model: ErrorModel, sources: list[Any]) -> tuple[list[Any], dict[int, str]]:
@@ -202,13 +200,6 @@ def _without_fixed(model: ErrorModel, sources: list[Any]) -> tuple[list[Any], di
         else:
             fixed[len(others) - 1] = os.fspath(source)
     return others, fixed
-
-
-def _concatenated_approaches(parts: Sequence[CalibrationData]) -> NDArray[np.int8]:
-    """Return the approaches of all parts, unknown where a part has none; empty if no part has any."""
-    if not any(part.approaches.size for part in parts):
-        return np.zeros((0, 0), dtype=np.int8)
-    return np.hstack([part.approaches if part.approaches.size else np.zeros(part.q.shape, np.int8) for part in parts])
 
 
 def _padded(readings: Array, width: int) -> Array:
@@ -243,18 +234,15 @@ def _read_arrays(model: ErrorModel, poses: Any, readings: Any, measurement: Meas
         selected, values = selected[originals], values[originals]
     if not len(selected):
         raise _error("", "no valid readings; check units and missing cells")
-    columns, lines, empty = np.ascontiguousarray(q[:, selected]), tuple((selected + 1).tolist()), np.zeros(0)
+    lines, empty = tuple((selected + 1).tolist()), np.zeros(0)
     sessions = tuple[Session, ...]()
     if measurement.drift is not None:
         if not measurement.drift.is_counted:
             raise _error("", "arrays have no times; give a file with a column of them, or drift: {every: 100 readings}")
         is_free, times = measurement.base == "free", selected.astype(float)
         sessions = (Session.of(times, NO_FIXED_READINGS, measurement.drift, is_free=is_free),)
-    parts = (measurement,), ("",)
-    data = CalibrationData(
-        columns, values, empty, empty, "", lines, *parts, findings=tuple(findings), sessions=sessions
-    )
-    signs = model.approaches_of(poses, q)
+    signs, given = model.approaches_of(poses, q), (np.ascontiguousarray(q[:, selected]), values, empty, empty)
+    data = CalibrationData(*given, "", lines, (measurement,), ("",), findings=tuple(findings), sessions=sessions)
     return data if signs is None else replace(data, approaches=np.ascontiguousarray(signs[:, selected]))
 
 
@@ -283,92 +271,43 @@ def _drop_copies(rows: Sequence[object], lines: Sequence[int], path: str) -> tup
 def _read_file(
     model: ErrorModel, path: str, measurements: tuple[Measurement, ...], fixed_path: str | None = None
 ) -> CalibrationData:
-    joints, drift = model.chain.joint_names, measurements[0].drift
+    chain, drift = model.chain, measurements[0].drift
     if any(measurement.drift != drift for measurement in measurements):
         raise _error(path, "several measurements read the file with different drift")
-    si = {joint.name: joint_quantity(joint).si for joint in model.chain.joints}
     names = csv_columns.ColumnNames.parse(", ".join(dict.fromkeys(m.columns for m in measurements if m.columns)))
-    read_names = "|".join({name for measurement in measurements for name in COLUMNS[measurement.kind]})
-    is_reading = re.compile(rf"(?:{read_names}|s[xyz])_?[0-9A-Za-z]*|std|group|temperature").fullmatch
-    clock = _Clock.of(path, names, joints, drift, fixed_path)
-    table = csv_columns.read(
-        path,
-        clock.texts,
-        columns=lambda cells, row: recorded(cells, row, si, names),
-        known=lambda name: (
-            name.removesuffix(READ).removesuffix(SPEED) in joints
-            or is_reading(name)
-            or name in (*clock.texts, clock.name)
-        ),
-        ignored=[name for name in csv_columns.TIMES if name not in (*joints, clock.name.casefold())],
-        may_miss=True,
-    )
-    is_fixed = np.array(table.texts.get(_FIXED, ("",) * len(table.rows))) != ""
-    targets = [target for m in measurements for target in _targets(table, joints, m, path, len(measurements) == 1)]
-    _check_columns(model.chain, table, targets, path, clock.name)
+    clock = _Clock.of(path, names, chain.joint_names, drift, fixed_path)
+    table = _table(path, chain, measurements, names, clock)
+    targets = [target for m in measurements for target in _targets(table, chain.joint_names, m, len(measurements) == 1)]
+    _check_columns(chain, table, targets, clock.name)
     if len({measurement.coupled for measurement in measurements}) > 1:
         raise _error(path, "several measurements read the file with different coupled joints")
-    q = np.array([table.column(joint.name, joint_quantity(joint)) for joint in model.chain.joints])
-    q = measurements[0].mixing(model.chain) @ q
-    q_read = np.zeros((0, len(table.rows)))
-    if any(f"{name}{READ}" in table.names for name in joints):
-        columns_read = [table.column(f"{joint.name}{READ}", joint_quantity(joint)) for joint in model.chain.joints]
-        q_read = model.chain.configurations.taken(measurements[0].mixing(model.chain) @ np.array(columns_read))
-    speed = np.zeros((0, len(table.rows)))
-    if any(f"{name}{SPEED}" in table.names for name in joints):
-        rates = [(f"{joint.name}{SPEED}", units.per_second(joint_quantity(joint))) for joint in model.chain.joints]
-        speed = measurements[0].mixing(model.chain) @ np.array([table.column(*rate) for rate in rates])
-    temperature = np.zeros(0)
-    if "temperature" in table.names:
-        column = np.array(table.column("temperature", units.TEMPERATURE_DIFFERENCE))
-        temperature = column if np.isfinite(column).any() else temperature
-    std = np.array(table.column("std", units.LENGTH)) if "std" in table.names else np.zeros(0)
-    target_stds = [_axis_stds(table, columns) for _, columns in targets]
-    for values in (std[:, None], *target_stds):
-        if (values <= 0).any():
-            line = table.lines[int(np.flatnonzero((values <= 0).any(axis=1))[0])]
-            raise _error(path, "std must be above zero, and so must sx, sy and sz", line)
-    has_axes = any(values.size for values in target_stds)
-    if has_axes and (std.size or not all(values.size for values in target_stds)):
-        raise _error(path, "give std, or sx, sy and sz of every target", 1)
+    mixing = measurements[0].mixing(chain)
+    q, q_read, speed = (_joint_columns(table, chain, mixing, end) for end in ("", READ, SPEED))
+    temperature = _column(table, "temperature", units.TEMPERATURE_DIFFERENCE)
+    temperature = temperature if np.isfinite(temperature).any() else np.zeros(0)
+    std, target_stds = _stds(table, targets)
     group = table.rows[:, table.names.index("group")] if "group" in table.names else np.zeros(0)
     if (group % 1 > 0).any():
         raise _error(path, "group must be a whole number", table.lines[int(np.flatnonzero(group % 1 > 0)[0])])
-    _check_joint_values(model.chain, q, path, table)
-    q = model.chain.configurations.taken(q)
+    _check_joint_values(chain, q, table)
+    q, q_read = (chain.configurations.taken(values) if values.size else values for values in (q, q_read))
+    is_fixed = np.array(table.texts.get(_FIXED, ("",) * len(table.rows))) != ""
     extras = [values for values in (std, group, temperature) if values.size]
     has_pose = np.isfinite(np.vstack([q, q_read, speed, *extras])).all(axis=0)
-    unread = [name for name in table.texts if name not in ("", *clock.texts)]
-    are = "s {} are" if len(unread) > 1 else " {} is"
-    notes = [f"the column{are.format(some(unread, 6))} not read"] * bool(unread)
-    notes += [f"read as columns of {table.recorder}"] * bool(table.recorder)
-    findings = [Finding("note", "N_COLUMN", note, path, 1) for note in notes]
     missing = "a joint value or speed, temperature, std or group"
-    findings += _missing_findings(missing, ~has_pose & ~is_fixed, table.lines, path)
-    unique, repeats = list(range(q.shape[1])), list[Finding]()
-    if any(columns for _, columns in targets):
-        texts = list(zip(*table.texts.values(), strict=True)) if table.texts else [()] * q.shape[1]
-        row_contents = [(row.tobytes(), text) for row, text in zip(table.rows, texts, strict=True)]
-        unique, repeats = _drop_copies(row_contents, table.lines, path)
-    is_new = np.isin(np.arange(q.shape[1]), unique) & has_pose & ~is_fixed
+    findings = [*_notes(table, clock), *_missing_findings(missing, ~has_pose & ~is_fixed, table.lines, path)]
     target_readings = [_values(table, columns, target) for target, columns in targets]
-    complete = [np.hstack(pair) for pair in zip(target_readings, target_stds, strict=True)]
-    read_masks = [np.asarray(np.isfinite(values).all(axis=1)) for values in complete]
-    for (_, columns), is_there in zip(targets, read_masks, strict=True):
-        cells = (*columns, *(_std_columns(columns) if has_axes else ()))
-        findings += _missing_findings(" or ".join(cells), ~is_there & is_new, table.lines, path)
-    usable = [is_there & is_new for is_there in read_masks]
-    findings += [*repeats, *_dependence_findings(targets, target_readings, usable, path)]
-    width = max(target.size for target, _ in targets)
+    usable, doubts = _usable(table, targets, target_readings, target_stds, has_pose & ~is_fixed)
     present = [k for k in range(len(targets)) if usable[k].any()]
     if not present:
         why = "every row is of a fixed target" if is_fixed.all() else "check units and missing cells"
         raise _error(path, f"no valid readings; {why}")
     # row by row, so that the targets of a row follow each other
     reading_rows, part = np.nonzero(np.array([usable[k] for k in present]).T)
+    width = max(target.size for target, _ in targets)
     readings = np.array([_padded(target_readings[k], width) for k in present])[part, reading_rows]
     row_std, ratios = std[reading_rows] if std.size else std, np.zeros((0, 3))
-    if has_axes:
+    if target_stds[0].size:
         axis_stds = np.array([target_stds[k] for k in present])[part, reading_rows]
         row_std = np.sqrt((axis_stds**2).mean(axis=1))
         ratios = axis_stds / row_std[:, None]
@@ -390,13 +329,90 @@ def _read_file(
         (path,) * len(present),
         part,
         reading_rows,
-        tuple(findings),
+        (*findings, *doubts),
         ratios,
         sessions,
         np.ascontiguousarray(q_read[:, reading_rows]),
         temperature[reading_rows] if temperature.size else temperature,
         np.ascontiguousarray(speed[:, reading_rows]),
     )
+
+
+def _table(
+    path: str, chain: Chain, measurements: Sequence[Measurement], names: csv_columns.ColumnNames, clock: _Clock
+) -> csv_columns.Measured:
+    """Return the columns of a file, renamed and known by recorder, times that nobody needs left out."""
+    si = {joint.name: joint_quantity(joint).si for joint in chain.joints}
+    read_names = "|".join({name for measurement in measurements for name in COLUMNS[measurement.kind]})
+    is_reading = re.compile(rf"(?:{read_names}|s[xyz])_?[0-9A-Za-z]*|std|group|temperature").fullmatch
+    return csv_columns.read(
+        path,
+        clock.texts,
+        columns=lambda cells, row: recorded(cells, row, si, names),
+        known=lambda name: (
+            name.removesuffix(READ).removesuffix(SPEED) in si or is_reading(name) or name in (*clock.texts, clock.name)
+        ),
+        ignored=[name for name in csv_columns.TIMES if name not in (*si, clock.name.casefold())],
+        may_miss=True,
+    )
+
+
+def _notes(table: csv_columns.Measured, clock: _Clock) -> Iterator[Finding]:
+    """Yield notes about columns that are not read, and about whose columns they are."""
+    unread = [name for name in table.texts if name not in ("", *clock.texts)]
+    are = "s {} are" if len(unread) > 1 else " {} is"
+    notes = [f"the column{are.format(some(unread, 6))} not read"] * bool(unread)
+    notes += [f"read as columns of {table.recorder}"] * bool(table.recorder)
+    return (Finding("note", "N_COLUMN", note, table.file, 1) for note in notes)
+
+
+def _column(table: csv_columns.Measured, name: str, quantity: units.Quantity) -> Array:
+    """Return a column in SI, ``(R,)``; empty if the file has none."""
+    return np.array(table.column(name, quantity) if name in table.names else ())
+
+
+def _joint_columns(table: csv_columns.Measured, chain: Chain, mixing: Array, end: str) -> Array:
+    """Return the values of joints in the columns whose names end so, ``(n, R)``; ``(0, R)`` if the file has none."""
+    names = {f"{joint.name}{end}": joint_quantity(joint) for joint in chain.joints}
+    if not set(names) <= set(table.names):
+        return np.zeros((0, len(table.rows)))
+    rate = units.per_second if end == SPEED else lambda quantity: quantity
+    return np.asarray(mixing @ np.array([table.column(name, rate(quantity)) for name, quantity in names.items()]))
+
+
+def _stds(table: csv_columns.Measured, targets: Sequence[_Target]) -> tuple[Array, list[Array]]:
+    """Return the standard deviation of each row, and of each target's lengths ``(R, 3)``; empty if the file has none."""
+    std, target_stds = _column(table, "std", units.LENGTH), [_axis_stds(table, columns) for _, columns in targets]
+    for values in (std[:, None], *target_stds):
+        if (values <= 0).any():
+            line = table.lines[int(np.flatnonzero((values <= 0).any(axis=1))[0])]
+            raise _error(table.file, "std must be above zero, and so must sx, sy and sz", line)
+    sizes = [values.size for values in target_stds]
+    if any(sizes) and (std.size or not all(sizes)):
+        raise _error(table.file, "give std, or sx, sy and sz of every target", 1)
+    return std, target_stds
+
+
+def _usable(
+    table: csv_columns.Measured,
+    targets: Sequence[_Target],
+    readings: Sequence[Array],
+    stds: Sequence[Array],
+    is_whole: NDArray[np.bool_],
+) -> tuple[list[NDArray[np.bool_]], list[Finding]]:
+    """Return the rows in which each target's reading is used, of those that are whole ``(R,)``, and why others are not."""
+    unique, repeats = list(range(len(table.rows))), list[Finding]()
+    if any(columns for _, columns in targets):
+        contents = [(row.tobytes(), *(cells[k] for cells in table.texts.values())) for k, row in enumerate(table.rows)]
+        unique, repeats = _drop_copies(contents, table.lines, table.file)
+    is_new = np.isin(np.arange(len(table.rows)), unique) & is_whole
+    usable, findings = list[NDArray[np.bool_]](), list[Finding]()
+    for (_, columns), *values in zip(targets, readings, stds, strict=True):
+        is_there = np.isfinite(np.hstack(values)).all(axis=1)
+        cells = (*columns, *(_std_columns(columns) if values[1].size else ()))
+        findings += _missing_findings(" or ".join(cells), ~is_there & is_new, table.lines, table.file)
+        usable.append(is_there & is_new)
+    return usable, [*findings, *repeats, *_dependence_findings(targets, readings, usable, table.file)]
 
 
 _FIXED: Final = "fixed"
@@ -485,9 +501,8 @@ def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target)
             "another target, or one that was moved, needs another name"
         )
         raise _error(table.file, message, table.lines[rows[k]])
-    stds = _axis_stds(table, columns[:3])
-    if "std" in table.names:
-        stds = np.repeat(np.array(table.column("std", units.LENGTH))[:, None], 3, axis=1)
+    std, stds = _column(table, "std", units.LENGTH), _axis_stds(table, columns[:3])
+    stds = np.repeat(std[:, None], 3, axis=1) if std.size else stds
     covariances = measurement.point_covariances(points[rows])
     if stds.size:
         covariances = np.where(np.isnan(stds), measurement.std, stds)[rows, :, None] ** 2 * np.eye(3)
@@ -510,7 +525,7 @@ def _axis_stds(table: csv_columns.Measured, columns: Sequence[str]) -> Array:
 
 
 def _targets(
-    table: csv_columns.Measured, joints: Sequence[str], measurement: Measurement, path: str, is_alone: bool
+    table: csv_columns.Measured, joints: Sequence[str], measurement: Measurement, is_alone: bool
 ) -> list[_Target]:
     components, target_name = COLUMNS[measurement.kind], measurement.target_name
     free_columns = set(table.names) - set(joints)
@@ -530,19 +545,19 @@ def _targets(
             f"no column for {', '.join(components)}, so that nothing says which rows are of the {measurement.kind}; give a file "
             "for each measurement that the sheet lists, in its order, or --kind KIND for one of them"
         )
-        raise _error(path, message, 1)
+        raise _error(table.file, message, 1)
     if len(numbers) > 1 and measurement.target_known:
         message = (
             f"the file has the targets {', '.join(numbers)} and one known target is given; estimate the targets "
             "(--point-free, target_known: false), or list a measurement with target and target_name for each"
         )
-        raise _error(path, message, 1)
+        raise _error(table.file, message, 1)
     if len(numbers) > 1:
         return [(replace(measurement, target_name=number), columns(number)) for number in numbers]
     return [(measurement, columns(*numbers) if numbers else components)]
 
 
-def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[_Target], path: str, time: str) -> None:
+def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[_Target], time: str) -> None:
     """Raise for columns that are missing, unknown, or without a unit."""
     read_names = tuple(dict.fromkeys(name for _, columns in targets for name in columns))
     std_names = _std_columns(read_names)
@@ -552,11 +567,7 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
     for name in table.names:
         if name not in known_names:
             hint = f"or ignore it: --columns '{name}=ignore' (readings of {targets[0][0].kind})"
-            raise _error(path, f"the column {name!r} is not expected; {nearest(name, known_names)}; {hint}", 1)
-    for names in (joints_read, speeds):
-        absent = [name for name in names if name not in table.names]
-        if absent and len(absent) < len(names):
-            raise _error(path, f"no column for {', '.join(absent)}; {', '.join(names)} belong together", 1)
+            raise _error(table.file, f"the column {name!r} is not expected; {nearest(name, known_names)}; {hint}", 1)
     missing_names = [name for name in (*chain.joint_names, *read_names) if name not in table.names]
     if missing_names:
         kind, expected_names = targets[0][0].kind, targets[0][1]
@@ -564,19 +575,14 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
             f"no column for {', '.join(missing_names)}; a {kind} needs {', '.join(expected_names)}; where the file calls it "
             f"otherwise: --columns 'NAME={missing_names[0]}'"
         )
-        raise _error(path, message, 1)
-    for _, columns in targets:
-        names = _std_columns(columns)
+        raise _error(table.file, message, 1)
+    for names in (joints_read, speeds, *(_std_columns(columns) for _, columns in targets)):
         absent = [name for name in names if name not in table.names]
         if absent and len(absent) < len(names):
-            raise _error(path, f"no column for {', '.join(absent)}; {', '.join(names)} belong together", 1)
-    lengths = (*read_names, *std_names, "std")
-    kinds = {name: units.LENGTH for name in lengths if name in table.names and not name.startswith("r")}
-    kinds |= {name: units.ANGLE for name in read_names if name.startswith("r")}
-    kinds |= {joint.name: joint_quantity(joint) for joint in chain.joints}
-    of_joints = {f"{joint.name}{READ}": joint_quantity(joint) for joint in chain.joints}
-    kinds |= {name: quantity for name, quantity in of_joints.items() if name in table.names}
-    bare = [name for name, quantity in kinds.items() if not table.unit_of(name, quantity)]
+            raise _error(table.file, f"no column for {', '.join(absent)}; {', '.join(names)} belong together", 1)
+    kinds = {name: units.ANGLE if name.startswith("r") else units.LENGTH for name in (*read_names, *std_names, "std")}
+    kinds |= {f"{joint.name}{end}": joint_quantity(joint) for end in ("", READ) for joint in chain.joints}
+    bare = [name for name in kinds if name in table.names and not table.unit_of(name, kinds[name])]
     if bare:
         q = np.array([table.rows[:, table.names.index(name)] for name in chain.joint_names])
         is_far = (chain.configurations.far(q) & ~chain.prismatic[:, None]).any()
@@ -589,7 +595,7 @@ def _check_columns(chain: Chain, table: csv_columns.Measured, targets: Sequence[
             f"the {bare_text} no unit; if {assumption} add --columns '*=[{example}]' (in a sheet and in Python the setting "
             "columns), else with the units that they have"
         )
-        raise _error(path, message, 1)
+        raise _error(table.file, message, 1)
 
 
 def _values(table: csv_columns.Measured, columns: Sequence[str], measurement: Measurement) -> Array:
@@ -637,13 +643,15 @@ def _dependence_findings(
         yield Finding("warning", "W_NOT_INDEPENDENT", message, path)
 
 
-def _check_joint_values(chain: Chain, q: Array, path: str, table: csv_columns.Measured) -> None:
+def _check_joint_values(chain: Chain, q: Array, table: csv_columns.Measured) -> None:
     for joint, is_far in zip(chain.joints, chain.configurations.far(q), strict=True):
         if is_far.any():
             unit, row = table.unit_of(joint.name, joint_quantity(joint)), int(np.argmax(is_far))
             value = table.rows[row, table.names.index(joint.name)]
             note = "; are these degrees?" if unit == "rad" and joint.kind != "prismatic" else ""
-            raise _error(path, f"{joint.name} = {value:g} {unit} is far outside its limits{note}", table.lines[row])
+            raise _error(
+                table.file, f"{joint.name} = {value:g} {unit} is far outside its limits{note}", table.lines[row]
+            )
 
 
 def _error(path: str, message: str, line: int | None = None) -> InputError:
