@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from precision_pin.base.arguments import check_number, check_text, check_whole, shown
 from precision_pin.base.compile_ahead import COMPILING, announced, shown_by
 from precision_pin.base.errors import InputError
+
+Item = TypeVar("Item")
 
 
 @contextmanager
@@ -67,6 +69,13 @@ def steps_to(
             yield step
     else:
         yield show or (lambda _: None)
+
+
+def stepped(items: Iterable[Item], step: Callable[[int], object]) -> Iterator[Item]:
+    """Yield items; each is a step, done when the next is asked for."""
+    for item in items:
+        yield item
+        step(1)
 
 
 def scaled(step: Callable[[int], object], work: int, steps: int) -> Callable[[int], None]:

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration import design
-from precision_pin.analyses.calibration.plan import left_out_warnings, usable_candidates
+from precision_pin.analyses.calibration.plan import usable_candidates
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.result import Outcome
-from precision_pin.base.arguments import check_instance, check_items, check_whole
+from precision_pin.base.arguments import check_instance, check_items
 from precision_pin.base.arrays import Array, Keys
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
-from precision_pin.base.progress import steps_to
+from precision_pin.base.progress import stepped, steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import PoseModel
@@ -175,21 +175,16 @@ def plan_datum(
             "plan a best_fit, tool_pivot, hand_eye or eye_to_hand"
         )
     bare, given = model.bare, list(datum.poses) if candidates is None else candidates
-    usable, left_out, obstructed = usable_candidates(bare, given, measurement if datum.kind == "best_fit" else None)
+    seen_by = measurement if datum.kind == "best_fit" else None
+    usable, left_out, notes = usable_candidates(bare, given, seen_by, _LEAST, count)
     total = len(usable)
-    count = check_whole(
-        "the number of poses to choose", count, _LEAST, total, f"from {_LEAST} to {total}, the number of candidates"
-    )
     tasks = design.task_poses(bare, at, usable.q)
     every_pose = replace(datum, poses=tuple(usable.q.T))  # type: ignore[call-arg]
     pool = _Candidates.of(bare, every_pose, total, [task for _, task in tasks])
     generator = np.random.default_rng(seed)
     with steps_to(progress, DATUM_PLAN_STEPS, "steps") as step:
-        choices = []
-        for _ in range(_STARTS):
-            choices.append(pool.exchange(generator.permutation(total)[:count]))
-            step(1)
-        chosen = np.sort(min(choices, key=pool.loss))
+        starts = (generator.permutation(total)[:count] for _ in range(_STARTS))
+        chosen = np.sort(min([pool.exchange(start) for start in stepped(starts, step)], key=pool.loss))
         random = [pool.loss(generator.permutation(total)[:count]) for _ in range(_RANDOM)]
         losses = {"chosen": pool.loss(chosen), "all": pool.loss(np.arange(total)), "random": float(np.median(random))}
         step(1)
@@ -204,12 +199,8 @@ def plan_datum(
         texts=tuple(name or value for name, value in zip(names, values, strict=True)),
         q=q,
         candidates=total,
-        left_out=dict(left_out),
+        left_out=left_out,
         tasks=tuple(name for name, _ in tasks),
         rms_position={which: float(np.sqrt(loss)) for which, loss in losses.items()},
-        findings=(
-            *findings,
-            *(chain.collision_notes if left_out else ()),
-            *left_out_warnings(obstructed, left_out["hidden"]),
-        ),
+        findings=(*findings, *notes),
     )

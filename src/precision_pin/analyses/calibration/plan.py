@@ -35,7 +35,7 @@ from precision_pin.base.arguments import check_choice, check_items, check_whole
 from precision_pin.base.arrays import Array, Keys
 from precision_pin.base.errors import Finding, InputError
 from precision_pin.base.interrupts import raise_if_interrupted
-from precision_pin.base.progress import steps_to
+from precision_pin.base.progress import stepped, steps_to
 from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.pose_set import PoseSet
@@ -462,11 +462,8 @@ def plan_calibration(
     findings = check_items("findings", findings, Finding)
     check_choice("the criterion", criterion, ("task", "D"))
     check_seed(seed)
-    usable, left_out, obstructed = usable_candidates(model, candidates, measurement)
+    usable, left_out, notes = usable_candidates(model, candidates, measurement, 1, count)
     values, names, total = usable.q, usable.names, len(usable)
-    count = check_whole(
-        "the number of poses to choose", count, 1, total, f"from 1 to {total}, the number of candidates"
-    )
     unit = linear.UnitNumbers.of(model.space)
     # one station with one reading per candidate
     pose_models = measured_model(model, measurement).at_columns(np.ascontiguousarray(values))
@@ -482,10 +479,8 @@ def plan_calibration(
     design = Design.of(by_z, by_nuisance, goal if criterion == "task" else None)
     generator = np.random.default_rng(seed)
     with steps_to(progress, PLAN_STEPS, "steps") as step:
-        choices = []
-        for _ in range(_STARTS):
-            choices.append(design.exchange(generator.permutation(total)[:count]))
-            step(1)
+        starts = (generator.permutation(total)[:count] for _ in range(_STARTS))
+        choices = [design.exchange(start) for start in stepped(starts, step)]
         root = relaxed(design, count, np.full(total, count / total), np.zeros(total), np.ones(total))
         choice = min((*choices, design.exchange(root.rounded(count))), key=design.exact_loss)
         step(1)
@@ -509,7 +504,7 @@ def plan_calibration(
         names=tuple(names[k] for k in choice),
         q=values[:, choice],
         candidates=total,
-        left_out=dict(left_out),
+        left_out=left_out,
         value=-loss if criterion == "D" else loss,
         bound=-bound if criterion == "D" else bound,
         efficiency=efficiency,
@@ -518,8 +513,7 @@ def plan_calibration(
         poses=errors_left(tasks, unit, estimator, measurement.displaces_base, model.space),
         findings=(
             *findings,
-            *(model.chain.collision_notes if left_out else ()),
-            *left_out_warnings(obstructed, left_out["hidden"]),
+            *notes,
             *_warnings(identifiability, efficiency),
             *contact_warnings(measurement, nominal),
         ),
@@ -527,14 +521,14 @@ def plan_calibration(
 
 
 def usable_candidates(
-    model: ErrorModel, candidates: object, measurement: Measurement | None
-) -> tuple[PoseSet, Counter[str], int]:
+    model: ErrorModel, candidates: object, measurement: Measurement | None, least: int, count: int
+) -> tuple[PoseSet, dict[str, int], tuple[Finding, ...]]:
     """Return the candidates at which the arm hits nothing and an instrument sees the target.
 
-    Also the number of the others by reason, with random draws left out before, and of those obstructed here.
+    Also the number of the others by reason, with random draws left out before, and what to say of them.
 
     Raises:
-        InputError: None is left, or one is given twice.
+        InputError: None is left, one is given twice, or the number to choose is not from ``least`` to that of candidates.
     """
     before: Counter[str] = Counter()
     if isinstance(candidates, PoseSet):
@@ -548,10 +542,13 @@ def usable_candidates(
     free = pose_set.of(pose_set.known) if obstructed else pose_set
     usable = free if measurement is None else seen_poses(model.chain, measurement, free)
     if usable is None:
-        raise InputError(f"the instrument sees the target at none of {len(pose_set) - obstructed} candidates")
+        raise InputError(f"the instrument sees the target at none of {len(free)} candidates")
     _check_distinct(usable.q)
-    hidden = len(pose_set) - obstructed - len(usable)
-    return usable, before + Counter({**pose_set.obstructed, "hidden": hidden}), obstructed
+    left_out = before + Counter({**pose_set.obstructed, "hidden": len(free) - len(usable)})
+    allowed = f"from {least} to {len(usable)}, the number of candidates"
+    check_whole("the number of poses to choose", count, least, len(usable), allowed)
+    notes = model.chain.collision_notes if left_out else ()
+    return usable, dict(left_out), (*notes, *_left_out_warnings(obstructed, left_out["hidden"]))
 
 
 def _perturbed(
@@ -586,7 +583,7 @@ def _check_distinct(values: Array) -> None:
         )
 
 
-def left_out_warnings(obstructed: int, hidden: int) -> Iterator[Finding]:
+def _left_out_warnings(obstructed: int, hidden: int) -> Iterator[Finding]:
     """Yield warnings about candidates that are left out."""
     if obstructed:
         message = f"{obstructed} candidates are left out: the arm hits itself or what it is kept out of"

@@ -28,7 +28,7 @@ from precision_pin.base.arguments import check_choice, check_instance, check_ite
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, UnitError, some, visible
 from precision_pin.base.files import write_files
-from precision_pin.base.progress import steps_to
+from precision_pin.base.progress import stepped, steps_to
 from precision_pin.draws.space import Space
 from precision_pin.model.error_model import ErrorModel, displaced_arm
 from precision_pin.robot.chain import Chain
@@ -166,10 +166,7 @@ def population(
     unit = design.UnitNumbers.of(model.space)
     components = _components(model.space, unit)
     with steps_to(progress, len(robots) + len(components), "steps") as step:
-        scores = []
-        for robot in robots:
-            scores.append(_evidence(model, unit, robot, measurement))
-            step(1)
+        scores = [_evidence(model, unit, robot, measurement) for robot in stepped(robots, step)]
         evidence = Evidence(*(np.array(parts) for parts in zip(*scores, strict=True)))
         total = np.diag(evidence.information.sum(axis=0))
         visible_components = {

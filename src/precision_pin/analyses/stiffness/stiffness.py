@@ -26,7 +26,7 @@ from precision_pin.analyses.result import AnalysisResult, list_warnings, name_po
 from precision_pin.base.arguments import check_choice, check_numbers, check_quantity, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError, add, warns_at_end
-from precision_pin.base.progress import steps_to
+from precision_pin.base.progress import stepped, steps_to
 from precision_pin.base.units import FORCE, LINEAR_COMPLIANCE, Quantity
 from precision_pin.draws.draw import Scope
 from precision_pin.model.compliance import Elasticity, ElasticPose
@@ -435,11 +435,10 @@ def stiffness(
     with steps_to(progress, len(pose_list), "poses") as step:
         entries: list[PoseStiffness] = []
         softest, softest_arm = 0, None
-        for k, elastic in enumerate(load.elasticity.at_many(pose_list)):
+        for k, elastic in enumerate(stepped(load.elasticity.at_many(pose_list), step)):
             entries.append(load.at(names[k], pose_list[k], elastic))
             if softest_arm is None or entries[k].softest.compliance > entries[softest].softest.compliance:
                 softest, softest_arm = k, elastic
-            step(1)
     assert softest_arm is not None
     difference = load.difference(pose_list[softest], softest_arm)
     entries[softest] = replace(entries[softest], solved_difference=difference)
