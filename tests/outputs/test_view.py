@@ -726,6 +726,10 @@ def test_the_verdict_is_the_first_text_of_the_page(tmp_path):
     assert (limit["row"], limit["limit"], limit["required"]) == (0, 0.002, pytest.approx(0.95))
     assert 'id="show-limit" checked' in text
     assert 'id="show-limit" disabled' in simple_page(at)
+    # answers of two analyses, each with the line below it
+    lines = ["After a: 1 mm", "Before a:", "After b: 2 mm", "Before b:"]
+    above = re.findall(r"<p class='(\w+)'>(.*?)</p>", simple_page(at, headline=lines).partition('id="headline"')[0])
+    assert above == list(zip(["answer", "fine"] * 2, lines, strict=True))
 
 
 # tolerances ----------------------------------------------------------------------------------------------------------

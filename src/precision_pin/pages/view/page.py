@@ -83,7 +83,7 @@ def page(
         points: Largest number of samples drawn at each pose: the first ones. All poses together draw at most 100,000.
         package_dirs: Folders of packages for ``package://`` mesh names, in addition to those found around the URDF.
         specifications: Limits; the page states at its top whether they are kept, and draws those of the position.
-        headline: Answer above that of the robots shown, and the line between the two.
+        headline: Answers above that of the robots shown, each with the line between it and the next.
         remarks: Basis of the answer, one line each below it.
         layers: Layers beside the arm and its errors, such as a map or a path of the same chain.
     """
@@ -168,7 +168,7 @@ def page(
         script=script,
         title=escaped(title),
         above="\n".join(
-            f"<p class='{kind}'>{escaped(line)}</p>" for kind, line in zip(("answer", "fine"), headline, strict=False)
+            f"<p class='{('answer', 'fine')[number % 2]}'>{escaped(line)}</p>" for number, line in enumerate(headline)
         ),
         headline=as_html(data[0].answers),
         remarks="\n".join(f"<p class='fine'>{escaped(line[:1].upper() + line[1:])}</p>" for line in remarks),
