@@ -258,7 +258,7 @@ def test_view_and_report_show_the_fit_of_the_command(run, folder, quick, monkeyp
         # the error after the calibration comes first, and the sheet's is named
         headline = re.search(r"After calibration: position error (\S+) mm rms at [^<]*; (\S+) mm before; the", page)
         assert headline.groups() == sizes
-        own = page.index("Before calibration, robots of the sheet:")
+        own = page.index("Before calibration, robots of the sheet (after it: the sheet of calibrate --sheet with ")
         assert headline.end() < own < page.index("95 % of ")
     assert 'href="#calibration"' in report
     assert "--calibrate data.csv" in report

@@ -243,7 +243,8 @@ def page_headline(result: CalibrationResult) -> tuple[str, str]:
     """Return the answer of a page with a calibration, the error after it, and a line that names the page's own answer."""
     before, after = (milli(result.rms_position[which], 3) for which in ("before", "after"))
     answer = f"After calibration: position error {after} mm rms at {_where(result)}; {before} mm before"
-    return f"{answer}; {verdict_text(result)}", "Before calibration, robots of the sheet:"
+    own = "Before calibration, robots of the sheet (after it: the sheet of calibrate --sheet with --datum compensated):"
+    return f"{answer}; {verdict_text(result)}", own
 
 
 def _where(result: CalibrationResult) -> str:
