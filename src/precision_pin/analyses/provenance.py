@@ -17,7 +17,7 @@ from precision_pin.model.compliance import ElasticPose
 from precision_pin.model.datum import DatumRecord, datum_text
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.model.pose_model import OriginShares, PoseModel, origin_shares
-from precision_pin.render.tables import origins_entry
+from precision_pin.render.tables import origins_entry, resting_on
 from precision_pin.robot.configurations import ApproachedPose, approach_entry, written_approach
 from precision_pin.robot.pose_set import PoseSet
 from precision_pin.sampling.run import check_common
@@ -71,6 +71,11 @@ class Provenance:
     def arm(self) -> str:
         """Robot and ends of the chain as text."""
         return f"{self.robot}: {self.base} to {self.tip}{datum_text(self.datum)}"
+
+    @property
+    def resting_lines(self) -> list[str]:
+        """Lines of :func:`resting_on`."""
+        return resting_on(self.assumed, self.sources, self.origins, self.origins_at)
 
     def to_dict(self, schema: str) -> dict[str, Any]:
         """Return the first keys of a result's JSON."""

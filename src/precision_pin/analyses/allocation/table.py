@@ -6,7 +6,7 @@ from typing import Final
 
 from precision_pin.analyses.allocation.allocate import MEAN, AllocatedLimit, AllocationResult, SourcePart
 from precision_pin.base.errors import shortened, visible
-from precision_pin.render.tables import resting_on, unit
+from precision_pin.render.tables import unit
 from precision_pin.render.text_table import aligned, limited
 
 # maximum number of letters of a path or source
@@ -39,7 +39,7 @@ def allocation_table(result: AllocationResult) -> str:
             *aligned(largest),
             *others,
             *(["", front_in_words(result), *aligned(front)] if len(front) > 1 else []),
-            *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
+            *of.resting_lines,
         ]
     )
 

@@ -32,7 +32,7 @@ from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import shortened, shown, some, visible
 from precision_pin.base.written_units import WrittenUnit
-from precision_pin.render.tables import milli, resting_on
+from precision_pin.render.tables import milli
 from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.sheet.measurement import Measurement
 from precision_pin.statistics import format_inside
@@ -113,7 +113,7 @@ def forecast_table(result: CalibrationForecast) -> str:
         *_curve("std of the instrument, µm", result.by_instrument, 1e6),
         "",
         explanation(result),
-        *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
+        *of.resting_lines,
     ]
     return "\n".join(lines)
 
@@ -177,7 +177,7 @@ def plan_table(result: CalibrationPlan) -> str:
         *identifiability_lines(result.identifiability),
         "",
         explanation(result),
-        *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
+        *of.resting_lines,
     ]
     return "\n".join(lines)
 

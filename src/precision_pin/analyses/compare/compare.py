@@ -27,7 +27,7 @@ from precision_pin.draws.space import check_seed
 from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.html import Table, rendered
-from precision_pin.render.tables import milli, resting_on, symbol
+from precision_pin.render.tables import milli, symbol
 from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.blocks import first_order_skewness
@@ -559,7 +559,7 @@ def comparison_table(result: ComparisonResult) -> str:
         ]
         lines += aligned(rows) if rows else []
         lines += [f"  {line}" for line in remainder(len(changes) - len(rows))]
-    return "\n".join([*lines, *resting_on(run.assumed, run.sources, run.origins, run.origins_at)])
+    return "\n".join([*lines, *run.resting_lines])
 
 
 def headline(result: ComparisonResult, rank: int) -> str:

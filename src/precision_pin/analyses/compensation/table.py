@@ -10,7 +10,6 @@ import numpy as np
 from precision_pin.analyses.compensation.compensate import CompensationResult
 from precision_pin.base.errors import shortened, shown, some, visible
 from precision_pin.base.files import csv_text
-from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.robot.joint_columns import Column, joint_columns
 
@@ -41,7 +40,7 @@ def compensation_table(result: CompensationResult) -> str:
     lines += remainder(len(result.poses) - len(rows) + 1, "poses")
     lines += [f"{reason}: {text}" for reason, text in _REASONS.items() if reason in result.correction.status]
     run = result.provenance
-    lines += ["", EXPLANATION, *resting_on(run.assumed, run.sources, run.origins, run.origins_at)]
+    lines += ["", EXPLANATION, *run.resting_lines]
     return "\n".join(lines)
 
 

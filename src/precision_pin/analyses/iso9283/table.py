@@ -8,7 +8,7 @@ import numpy as np
 
 from precision_pin.analyses.iso9283.result import LEAST, SINGLE, Comparison, Iso9283Result
 from precision_pin.base.errors import shown, visible
-from precision_pin.render.tables import ROUNDING, milli, plain, resting_on
+from precision_pin.render.tables import ROUNDING, milli, plain
 from precision_pin.render.text_table import aligned, limited
 from precision_pin.sampling.table import verdict_line
 from precision_pin.statistics import SampleLaw, SpecificationResult, format_inside
@@ -35,7 +35,7 @@ def iso9283_table(result: Iso9283Result) -> str:
         *([] if result.measured is None else ["", *_measured_rows(result.measured)]),
         "",
         *(f"{name}: none, {why}" for name, why in result.absent.items()),
-        *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
+        *of.resting_lines,
     ]
     return "\n".join(lines)
 

@@ -9,7 +9,7 @@ import numpy as np
 from precision_pin.analyses.map.map_poses import MapResult
 from precision_pin.analyses.map.map_verdicts import MapVerdict
 from precision_pin.base.errors import shortened, shown, visible
-from precision_pin.render.tables import milli, resting_on
+from precision_pin.render.tables import milli
 from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.robot.pose_set import OBSTRUCTED
 from precision_pin.sampling.poses_result import LEVELS
@@ -52,7 +52,7 @@ def map_table(result: MapResult) -> str:
         "quantiles of |d| in mm, |δ| in mrad, closed form; limits: of the exact 95 %, whatever the laws;",
         f"sampled: its interval; {marks}cause: of most variance",
     ]
-    lines += resting_on(run.assumed, run.sources, run.origins, run.origins_at)
+    lines += run.resting_lines
     return "\n".join(lines)
 
 

@@ -6,7 +6,7 @@ from typing import Final
 
 from precision_pin.analyses.path.path_law import PathResult
 from precision_pin.base.errors import shortened, shown, visible
-from precision_pin.render.tables import resting_on, symbol
+from precision_pin.render.tables import symbol
 from precision_pin.render.text_table import aligned, limited, remainder
 from precision_pin.sampling.table import demanded, verdict_line
 from precision_pin.statistics import format_inside, format_share
@@ -45,7 +45,7 @@ def path_table(result: PathResult) -> str:
         "",
         f"|d|, |δ|: {share} quantile at the pose; largest here: robots with their largest error of the path there",
     ]
-    lines += resting_on(run.assumed, run.sources, run.origins, run.origins_at)
+    lines += run.resting_lines
     return "\n".join(lines)
 
 

@@ -26,7 +26,7 @@ from precision_pin.kernel.arrays import SamplerArrays
 from precision_pin.model.error_model import ErrorModel, takes_datum
 from precision_pin.model.pose_model import PoseModel
 from precision_pin.render.columns import Column
-from precision_pin.render.tables import absolute, bounded, resting_on
+from precision_pin.render.tables import absolute, bounded
 from precision_pin.sampling import Progress, monte_carlo
 from precision_pin.sampling.table import demanded
 from precision_pin.statistics import (
@@ -292,7 +292,7 @@ class ReliabilityResult(Result):
             f"exact model, {self.samples:,} plain samples, seed {of.seed}, statics {of.statics}; intervals at "
             f"{100 * self.confidence:g} % confidence; β: distance of the nearest design point",
             *comments,
-            *resting_on(of.assumed, of.sources, of.origins, of.origins_at),
+            *of.resting_lines,
         ]
 
 

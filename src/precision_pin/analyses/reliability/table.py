@@ -11,7 +11,6 @@ from precision_pin.analyses.reliability.estimates import SAMPLING, in_words, rou
 from precision_pin.analyses.reliability.reliability import METHOD_COLUMNS, ReliabilityResult, SpecificationReliability
 from precision_pin.analyses.result import subject
 from precision_pin.render.columns import text_lines
-from precision_pin.render.tables import resting_on
 from precision_pin.render.text_table import limited, remainder
 from precision_pin.sampling.table import NOTHING_VARIES, demanded
 
@@ -32,8 +31,7 @@ def table(result: ReliabilityResult) -> str:
         for specification in entry.specifications:
             lines += ["", *_specification_lines(specification)]
         blocks.append("\n".join(lines))
-    resting = resting_on(provenance.assumed, provenance.sources, provenance.origins, provenance.origins_at)
-    return "\n\n".join([*blocks, *(["\n".join(resting)] if resting else [])])
+    return "\n\n".join(filter(None, [*blocks, "\n".join(provenance.resting_lines)]))
 
 
 def _specification_lines(entry: SpecificationReliability) -> list[str]:
