@@ -595,6 +595,8 @@ def _rule(nodes: int) -> tuple[Array, Array]:
 
 _POLE: Final = 0.5 - 1e-9
 """Bracket of the saddlepoint, just inside the poles at 2 w t = 1 (largest weight scaled to 1)."""
+_NOTHING: Final = 1e-300
+"""Weight that is nothing, and whose pole would be infinite."""
 
 
 def tail(weights: Array, ratio: float, degrees: float) -> float:
@@ -605,6 +607,8 @@ def tail(weights: Array, ratio: float, degrees: float) -> float:
     if (scale := float(weights.max())) <= 0:
         return 0.0 if degrees > 0 else 1.0
     w, number = np.append(weights, -ratio) / scale, np.append(np.ones(weights.size), degrees)
+    if w.min() >= -_NOTHING:
+        return 1.0
     t = optimize.brentq(lambda t: number @ (w / (1 - 2 * w * t)), _POLE / w.min(), _POLE, maxiter=1000)
     exponent, curvature = -number @ np.log1p(-2 * w * t) / 2, 2 * number @ (w / (1 - 2 * w * t)) ** 2
     root, v = np.sign(t) * np.sqrt(max(-2 * exponent, 0.0)), t * np.sqrt(curvature)

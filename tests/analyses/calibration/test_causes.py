@@ -50,6 +50,7 @@ def test_a_tail_is_that_of_samples_and_of_f():
     for x in (3.5, 8.0, 14.0):
         assert tail(np.ones(2), x / 1e9, 1e9) == pytest.approx(stats.chi2.sf(x, 2), rel=0.06)
         assert tail(np.full(3, 5.0), 15 * x / 12, 12.0) == pytest.approx(stats.f.sf(x, 3, 12), rel=0.06)
+    assert tail(np.array([2.0, 0.0]), 0.0, 1e9) == stats.chi2.sf(0.0, 1)
     squares = np.random.default_rng(0).standard_normal((12, 100_000)) ** 2
     weights = np.array([3.0, 1.0, 0.5, 0.1])
     form = weights @ squares[:4]

@@ -145,6 +145,9 @@ def test_the_interval_of_one_target_read_twice_is_that_of_chi_square():
     assert stated.chance == pytest.approx(expected, rel=0.08)
     still = ShownDrift.of(fixed._replace(points=places * 0.1), 3600.0, None)
     assert (still.std, still.interval[0]) == (0.0, 0.0)
+    # read alike to the last digit: less than any noise
+    alike = ShownDrift.of(fixed._replace(points=places * 0.0), 3600.0, None)
+    assert (alike.std, alike.interval, alike.chance) == (0.0, (0.0, 0.0), 1.0)
     assert ShownDrift.of(fixed._replace(times=np.zeros(2)), 3600.0, None) is None
 
 
