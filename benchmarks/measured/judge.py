@@ -36,6 +36,8 @@ NEAR: Final = 0.01
 GROSS: Final = 10.0
 """A reading is gross, counted and in no mean, if it is farther off than so many times the median of a fit that did not see
 it, and a calibration to all readings, it among them, gives it no weight: so no reading that a fit foretells badly is left out."""
+ALIKE: Final = 0.2
+"""Angle, rad, within which attitudes of a tool are alike."""
 VARIANTS: Final = {"geometry": "geometry", "complete": "geometry and drives"}
 """The fits in words."""
 BAND: Final = "10 kN*m"
@@ -171,17 +173,30 @@ def variants(sheet: str) -> dict[str, str]:
 
 
 def calibrated(model: pp.ErrorModel, rows: Rows, guess: tuple[float, float, float]) -> pp.CalibrationResult:
-    """Return the calibration of an arm by rows; base, targets and the instrument's deviation are estimated."""
-    several = len(rows.points) > 1
+    """Return the calibration of an arm by rows; base, targets and the instrument's deviation are estimated.
+
+    Where the tool hardly turns, readings do not tell a target from the base, and the target is where it was guessed.
+    """
+    several, is_known = len(rows.points) > 1, alike(model, rows.q)
     measurements = [
         pp.Measurement(
-            *("position", "estimate"), target=guess, base="free", target_known=False, target_name=str(k + 1) * several
+            *("position", "estimate"),
+            target=guess,
+            base="free",
+            target_known=is_known,
+            target_name=str(k + 1) * several,
         )  # type: ignore[arg-type]
         for k in range(len(rows.points))
     ]
     poses = [pp.ApproachedPose(q, signs) for q, signs in zip(rows.q.T, rows.approaches.T.tolist(), strict=True)]
     data = [(poses, read) for read in rows.points]
     return pp.calibrate(model, data if several else data[0], measurements if several else measurements[0])
+
+
+def alike(model: pp.ErrorModel, q: Array) -> bool:
+    """Return whether the tool's attitudes at joint values ``(n, P)`` are within `ALIKE`."""
+    turns = np.moveaxis(model.chain.at_columns(np.ascontiguousarray(q)).pose[:3, :3], -1, 0)
+    return bool(np.linalg.norm(se3.log_rotation(np.moveaxis(turns @ turns[0].T, 0, -1)), axis=0).max() < ALIKE)
 
 
 @dataclass(frozen=True)

@@ -67,6 +67,8 @@ FARTHEST: Final = 50.0
 """Root mean square of whitened residuals of most readings beyond which data are rejected."""
 ODD: Final = 5.0
 """Root mean square of whitened residuals beyond which gross errors, and then another unit of the joint values, are sought."""
+_ALIKE: Final = 0.2
+"""Angle, rad, within which the tool's attitudes are alike."""
 _CELLS: Final = 4096
 """Components of groups that are left out at once, so that memory does not grow with the readings."""
 _ALONE: Final = 1e-9
@@ -262,6 +264,18 @@ class Problem:
         root = np.diag(self.unit.std) if plain else self.unit.root
         return self.whiten(by_number @ root), without(self.whiten(by_nuisance), self.unseen_turns)
 
+    @property
+    def alike_attitudes(self) -> str:
+        """What to say where readings hardly tell an unknown target from the base, since the tool hardly turns; else nothing."""
+        tilts = self.evaluation.poses[:, :3, :3] @ self.evaluation.poses[0, :3, :3].T
+        turn = float(np.linalg.norm(se3.log_rotation(np.moveaxis(tilts, 0, -1)), axis=0).max())
+        if turn > _ALIKE or all(part.target_known or part.base == "known" for part in self.instruments.parts):
+            return ""
+        return (
+            f"attitudes of the tool differ by {np.degrees(turn):.2g} deg only, so that readings hardly tell the target from the "
+            "base: give the target as known, or turn the tool"
+        )
+
     def through(self, leverage_root: Array) -> Array:
         """Return ``T = R^(-1/2)ᵀ Q`` of a fit ``(M, k)`` by Q of :meth:`Estimator.leverage_root`, beside what stations share."""
         pulled, shared = self.noise.pull(leverage_root), self.noise.precision_root
@@ -421,10 +435,11 @@ class Descent:
         while not self._is_settled and self.steps < steps:
             self._step()
         if not self._is_settled and steps >= STEPS:
-            raise InputError(
-                f"the fit has not settled after {steps} steps; check the units of the data, the target and the base of the "
-                "measurement"
+            hint = (
+                self.problem.alike_attitudes
+                or "check the units of the data, the target and the base of the measurement"
             )
+            raise InputError(f"the fit has not settled after {steps} steps; {hint}")
         if self._settled_fit is not None:
             return self._settled_fit
         fit = self._estimate()
