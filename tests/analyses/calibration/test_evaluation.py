@@ -1,5 +1,7 @@
 """Readings of many poses at once, against one pose at a time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -130,6 +132,18 @@ def test_combinations_without_a_prior_are_those_of_the_whole_matrix():
     expected = rows[: int((values > 1).sum())]
     assert estimator.basis.shape == (4, 3)
     check_close(estimator.basis @ estimator.basis.T, expected.T @ expected)
+
+
+def test_attitudes_alike_are_named_where_the_target_is_unknown():
+    model, q = plain_model(), np.zeros((4, 6))
+    q[3] = np.linspace(0.3, 0.4, 6)  # the last joint alone turns, by 0.1 rad
+
+    def said(measurement, q):
+        data = read_data(model, (q, readings_of(model, q, measurement)), (measurement,))
+        return Problem.of(model, data)[0].alike_attitudes
+
+    assert said(FREE, q).startswith("attitudes of the tool differ by 5.7 deg only")
+    assert said(FREE, 3 * q) == said(replace(FREE, target_known=True), q) == said(replace(FREE, base="known"), q) == ""
 
 
 def test_precise_readings_and_broad_tolerances_keep_their_digits():
