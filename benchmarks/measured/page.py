@@ -17,7 +17,6 @@ from matplotlib.lines import Line2D
 from benchmarks.measured.declared import KNOWN, declaration
 from benchmarks.measured.judge import Outcome
 from benchmarks.plots import DOTS, NUMPY, OTHERS, OURS, STYLE
-from precision_pin.robot.examples import ELSEWHERE
 
 __all__ = ["csv_text", "tables", "write", "write_docs"]
 
@@ -195,18 +194,11 @@ def notes(outcomes: Sequence[Outcome], skipped: Sequence[str]) -> str:
 
 def data_table() -> str:
     """Return where the known sets are published, by the folder that holds them."""
-    lines = ["| folder in FOLDER | files | published at | licence |", "| --- | --- | --- | --- |"]
-    held: dict[tuple[str, str, str], list[str]] = {}
+    held = []
     for name in KNOWN:
         declared, home = declaration(name, Path())
-        urdfs = [urdf for urdf in declared.arm if not urdf.startswith(ELSEWHERE)]
-        key = (home.name, declared.source, declared.licence)
-        held.setdefault(key, []).extend([*declared.fit, *declared.judge, *urdfs])
-    lines += [
-        f"| `{folder}` | {', '.join(f'`{name}`' for name in dict.fromkeys(files))} | {source} | {licence} |"
-        for (folder, source, licence), files in held.items()
-    ]
-    return "\n".join(lines)
+        held.append(f"| `{home.name}` | {declared.source} | {declared.licence} |")
+    return "\n".join(["| folder in FOLDER | published at | licence |", "| --- | --- | --- |", *dict.fromkeys(held)])
 
 
 def write_docs(outcomes: Sequence[Outcome], skipped: Sequence[str], docs: Path) -> None:
