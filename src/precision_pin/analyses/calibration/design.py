@@ -320,7 +320,7 @@ class Estimator:
                 basis = directions[: int((values > WEAKEST).sum())].T
             rows = projected @ basis
         orthogonal, triangle = np.linalg.qr(rows)
-        left, values, right = np.linalg.svd(triangle)
+        left, values, right = np.linalg.svd(triangle, full_matrices=False)
         is_determined = values > 1e-12 * values.max(initial=0.0)
         inverse = basis @ (right.T / np.where(is_determined, values, 1.0))[:, is_determined]
         # combinations that the readings do not determine keep their prior
@@ -335,9 +335,10 @@ class Estimator:
 
     def estimate(self, residuals: Array, z: Array, low: Array | None = None, high: Array | None = None) -> Array:
         """Return z ``(r, …)`` for whitened residuals ``(M, …)`` at a given z, within bounds ``(r,)`` if given."""
-        # leftᵀ by_z, of which the prior has the rest: by the factors, since readings hardly move what they do not see
+        # leftᵀ by_z by the factors, so that rounding does not move what the readings do not see
         triangle = np.linalg.pinv(self.inverse)
-        pulled = self.left.T @ residuals + (triangle - self.inverse.T * self.has_prior) @ z
+        of_z = triangle - self.inverse.T if self.has_prior else triangle
+        pulled = self.left.T @ residuals + of_z @ z
         unbounded = np.asarray(self.inverse @ pulled)
         if low is None or high is None or not self.has_prior or ((unbounded >= low) & (unbounded <= high)).all():
             return unbounded
