@@ -95,7 +95,7 @@ def test_clamped_columns_buckle_under_weights_along_them(own, motor, self_weight
     parts += [joint("flange", "fixed", "motor" if motor else "arm", "tool", (0.5 if motor else 1, 0, 0)), link("tool")]
     chain = chain_of(robot(*parts), tip="tool", gravity=DOWN)
     model = ErrorModel(chain, Space(), [Beam(link="arm", EI=100.0, self_weight=self_weight)])
-    feedback = Feedback(model.at([0.0]).posture, model.space, model._make_terms, model.space.mean)
+    feedback = Feedback(model.at([0.0]).posture, model.space, model.bound_sources, model.space.mean)
     ways = feedback.loaded_directions
     slopes = feedback.slopes(feedback.term_slopes(feedback.at_start, ways), ways)
     assert np.linalg.eigvals(slopes).real.max() == pytest.approx(1.0, rel=within)

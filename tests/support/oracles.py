@@ -108,7 +108,7 @@ def settled_errors(model: ErrorModel, q, x) -> np.ndarray:
     posture = nominal.at(q).posture
     errors = []
     for column in np.asarray(x, dtype=float).T:
-        rest = solve_equilibrium(posture, model.space, model._make_terms, values=column)
+        rest = solve_equilibrium(posture, model.space, model.bound_sources, values=column)
         errors.append(rest.alone(posture, model.space).exact(column[:, None])[:, 0])
     return np.array(errors).T
 

@@ -22,7 +22,7 @@ from precision_pin.model.equilibrium import RestState, solve_equilibrium
 from precision_pin.model.pose_model import AT_ONCE, PoseModel
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import Factors, Load
-from precision_pin.terms.bound_source import load_posture, terms_at_many
+from precision_pin.terms.bound_source import load_posture, load_postures, terms_at, terms_at_many
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import Term, on_target
 
@@ -105,7 +105,7 @@ class Elasticity:
         x = None if values is None else np.append(values, np.zeros(6))
         # a force of zero, so that what no load displaces yet has a slot too
         nothing = self._load(posture, probe.wrenches[:1])
-        state = solve_equilibrium(posture.with_loads([nothing]), self.model.space, self._all_terms, values=x)
+        state = solve_equilibrium(posture.with_loads([nothing]), self.model.space, self.model.bound_sources, values=x)
         directions = state.feedback.list_directions(state.table)
         # the stiffness in pieces is that of the loads without the probe
         deciding = replace(state.posture, loads=posture.loads)
@@ -134,10 +134,11 @@ class Elasticity:
             return None
         values = np.column_stack([self.model.configuration(pose) for pose in poses])
         stacked, bare = self.model.chain.postures_at(values)
-        postures = [load_posture(posture, sources) for posture in bare]
+        loaded = load_postures(stacked, bare, sources)
+        if loaded is None:
+            return None
         probe = self._probe(bare[0])
-        stacked = replace(stacked, loads=(probe,))
-        probed = [replace(posture, loads=(probe,), tilts=(), deciding=posture) for posture in postures]
+        stacked, *probed = (replace(at, loads=(probe,), tilts=(), deciding=at) for at in (loaded[0], *loaded[1]))
         by_label = {}
         for label, source in zip(self.model.labels, sources, strict=True):
             terms = terms_at_many(stacked, probed, [source])
@@ -147,7 +148,7 @@ class Elasticity:
                 by_label[label] = probed_terms
         terms, common = self._common(by_label)
         tables = TableLayout.of(terms, space).at_many(stacked, terms)
-        return [self._undeflected(posture, common, table) for posture, table in zip(postures, tables, strict=True)]
+        return [self._undeflected(posture, common, table) for posture, table in zip(loaded[1], tables, strict=True)]
 
     def _common(self, by_label: Mapping[str, tuple[Term, ...]]) -> tuple[tuple[Term, ...], _Common]:
         """Return the terms that the further load causes, and what is common to poses with alike terms."""
@@ -173,8 +174,8 @@ class Elasticity:
         if wrench is not None:
             posture = posture.with_loads([self._load(posture, [(wrench, ())])])
         if self.statics == "equilibrium":
-            return solve_equilibrium(posture, space, self._all_terms).alone(posture, space).error_at_means
-        terms = self._all_terms(posture)
+            return solve_equilibrium(posture, space, self.model.bound_sources).alone(posture, space).error_at_means
+        terms = terms_at(posture, self.model.bound_sources)
         at = PoseModel(posture, space, TermTable.build(posture, space, terms), terms)
         return at.linear(space.mean[:, None])[:, 0]
 
@@ -207,9 +208,6 @@ class Elasticity:
         chain = posture.chain
         entry = chain.placements[-1][:3, 3]
         return Load(len(chain.joints), chain.target_placement, entry, along=False, moments=(), wrenches=tuple(wrenches))
-
-    def _all_terms(self, posture: Posture) -> tuple[Term, ...]:
-        return tuple(term for source in self.model.bound_sources for term in source.terms(posture))
 
     def _tip_slopes(self, posture: Posture, state: RestState, directions: Array) -> Array:
         """Return the twist of the tip by steps along directions ``(M, 2K, 6)`` from rest, ``(6, M)``."""

@@ -16,7 +16,7 @@ neglected terms are of third order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Literal
@@ -32,11 +32,9 @@ from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel, spread_of
 from precision_pin.robot.chain import Posture
 from precision_pin.robot.places import Deflection, Factors, Place
+from precision_pin.terms.bound_source import BoundSource, terms_at
 from precision_pin.terms.table import TableLayout, TermTable
 from precision_pin.terms.term import JointValue, Target, Term, on_target
-
-MakeTerms = Callable[[Posture], Sequence[Term]]
-"""Function from a posture to the terms of all sources."""
 
 SETTLED: Final = 1e-13
 """Change of the displacements (m, rad) below which the arm is at rest: rounding of an arm of metres."""
@@ -117,7 +115,7 @@ class RestState:
 
 
 def solve_equilibrium(
-    posture: Posture, space: Space, make_terms: MakeTerms, within: float = SETTLED, values: Array | None = None
+    posture: Posture, space: Space, sources: Sequence[BoundSource], within: float = SETTLED, values: Array | None = None
 ) -> RestState:
     """Return the arm at rest under its loads; raise an error only if there is no stable rest state.
 
@@ -126,11 +124,11 @@ def solve_equilibrium(
 
     Args:
         posture: The undisplaced chain, with all loads.
-        make_terms: Returns the terms of all sources at a posture.
+        sources: All sources of the model.
         within: Change of the displacements (m, rad) per round at which the arm counts as at rest.
         values: Values of the components, ``(d,)`` (default: their means).
     """
-    feedback = Feedback(posture, space, make_terms, space.mean if values is None else values)
+    feedback = Feedback(posture, space, sources, space.mean if values is None else values)
     offset = max(_PUSH, 100 * within) * feedback.loaded[:, None]
     current, change = feedback.at_start + offset, np.inf
     for _ in range(_MOST_ROUNDS):
@@ -152,9 +150,9 @@ class Feedback:
         loaded: True for the slots displaced by loads, ``(2K,)``.
     """
 
-    def __init__(self, posture: Posture, space: Space, make_terms: MakeTerms, values: Array) -> None:
-        self._posture, self._space, self._make_terms, self._values = posture, space, make_terms, values
-        self._table = TermTable.build(posture, space, make_terms(posture))
+    def __init__(self, posture: Posture, space: Space, sources: Sequence[BoundSource], values: Array) -> None:
+        self._posture, self._space, self._sources, self._values = posture, space, sources, values
+        self._table = TermTable.build(posture, space, terms_at(posture, sources))
         # with a deflection of zero, since terms of bent links exist only on deflected arms
         terms = self._terms(np.zeros((2 * len(self._table.targets), 6)))
         self._arrange(terms)
@@ -170,7 +168,7 @@ class Feedback:
     def rest_at(self, displacements: Array) -> RestState:
         """Return the arm at rest with these displacements."""
         posture = self._displace(displacements)
-        terms = tuple(self._make_terms(posture))
+        terms = terms_at(posture, self._sources)
         return RestState(posture, terms, TermTable.build(posture, self._space, terms), self._sum(terms), self)
 
     def list_directions(self, table: TermTable) -> Array:
@@ -200,13 +198,13 @@ class Feedback:
     def term_slopes(self, displacements: Array, directions: Array) -> Array:
         """Return the derivatives of all terms' twists along every direction, ``(T, 6, M)``."""
         posture = self._displace(displacements)
-        terms = tuple(self._make_terms(posture))
+        terms = terms_at(posture, self._sources)
         if not self._layout.fits(terms):
             self._arrange(terms)
         chain, changes = self._posture.chain, []
         twists = self._layout.twists(chain, terms)
         for v in directions:
-            after = tuple(self._make_terms(replace(self._displace(displacements + STEP * v), deciding=posture)))
+            after = terms_at(replace(self._displace(displacements + STEP * v), deciding=posture), self._sources)
             if not self._layout.fits(after):
                 raise InputError(_NO_REST.format("these"))
             changes.append((self._layout.twists(chain, after) - twists) / STEP)
@@ -232,7 +230,7 @@ class Feedback:
         return directions[directions[:, self.loaded].any(axis=(1, 2))]
 
     def _terms(self, displacements: Array) -> tuple[Term, ...]:
-        return tuple(self._make_terms(self._displace(displacements)))
+        return terms_at(self._displace(displacements), self._sources)
 
     def _displace(self, displacements: Array) -> Posture:
         return replace(self._posture, deflection=compute_deflection(self._posture, self._table, displacements))
@@ -484,22 +482,22 @@ _LARGEST_TURN: Final = 0.15
 
 
 def statics_findings(
-    at: PoseModel, statics: Literal["nominal", "equilibrium"], make_terms: MakeTerms
+    at: PoseModel, statics: Literal["nominal", "equilibrium"], sources: Sequence[BoundSource]
 ) -> tuple[Finding, ...]:
     """Return the warnings of a pose; see :meth:`precision_pin.model.error_model.ErrorModel.statics_findings`."""
     if not any(term.loaded for term in at.terms):
         return ()
     if statics == "nominal":
-        findings = _nominal_findings(at, make_terms)
+        findings = _nominal_findings(at, sources)
     else:
-        findings = (*_equilibrium_findings(at, make_terms), *_resettled_findings(at, make_terms))
+        findings = (*_equilibrium_findings(at, sources), *_resettled_findings(at, sources))
     return (*_bending_findings(at), *findings)
 
 
-def _nominal_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
+def _nominal_findings(at: PoseModel, sources: Sequence[BoundSource]) -> tuple[Finding, ...]:
     spread, negligible = spread_of(at)
     try:
-        rest_state = solve_equilibrium(at.posture, at.space, make_terms, within=1e-3 * negligible)
+        rest_state = solve_equilibrium(at.posture, at.space, sources, within=1e-3 * negligible)
     except InputError as error:
         # a separate code: accepting that the arm rests elsewhere does not imply accepting that it never rests
         return (Finding("warning", "W_NO_REST", f"{error.findings[0].message}; nominal statics hide it"),)
@@ -513,7 +511,7 @@ def _nominal_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ..
     return (Finding("warning", "W_STATICS", message),)
 
 
-def _equilibrium_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
+def _equilibrium_findings(at: PoseModel, sources: Sequence[BoundSource]) -> tuple[Finding, ...]:
     x = at.space.sample(_SEED, 0, _TRIED)
     errors = at.exact(x)
     differences: dict[str, str] = {}
@@ -522,7 +520,7 @@ def _equilibrium_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding
             sizes = np.linalg.norm(errors[rows], axis=0)
             robot = int(np.argsort(-sizes, kind="stable")[rank])
             try:
-                rest_state = solve_equilibrium(at.posture, at.space, make_terms, values=x[:, robot])
+                rest_state = solve_equilibrium(at.posture, at.space, sources, values=x[:, robot])
             except InputError as error:
                 message = f"of {_TRIED:,} robots the one with {label} {1e3 * sizes[robot]:.3g} {unit} fails: "
                 return (Finding("warning", "W_STATICS", message + error.findings[0].message),)
@@ -612,7 +610,7 @@ def turnover_findings(at: PoseModel) -> tuple[Finding, ...]:
     return (Finding("warning", "W_TURNOVER", message),)
 
 
-def _resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, ...]:
+def _resettled_findings(at: PoseModel, sources: Sequence[BoundSource]) -> tuple[Finding, ...]:
     """Return a warning if robots solved one by one take up play on other sides than in equilibrium statics."""
     # In equilibrium statics, loads act on the arm at rest under the mean loads, with a robot's deflections to first
     # order. The tested robot is as close to a flank reversal as the closest 1 % of a thousand.
@@ -625,7 +623,7 @@ def _resettled_findings(at: PoseModel, make_terms: MakeTerms) -> tuple[Finding, 
     closest = np.abs(margins / np.where(spreads > 0, spreads, np.inf)) + np.where(spreads > 0, 0.0, np.inf)
     robot = int(np.argsort(closest.min(axis=0), kind="stable")[_TRIED // 100 - 1])
     try:
-        rest_state = solve_equilibrium(at.posture, at.space, make_terms, values=x[:, robot])
+        rest_state = solve_equilibrium(at.posture, at.space, sources, values=x[:, robot])
     except InputError as error:
         message = f"of {_TRIED:,} robots one close to a flank reversal fails: {error.findings[0].message}"
         return (Finding("warning", "W_STATICS", message),)

@@ -415,7 +415,9 @@ class ErrorModel:
         """
         # a sheet can accept the simplification of nominal statics, not that robots differ from equilibrium statics
         accepted = {} if self.sheet is None or self.statics != "nominal" else self.sheet.accepted
-        return tuple(finding.accepted(accepted) for finding in statics_findings(at.arm, self.statics, self._make_terms))
+        return tuple(
+            finding.accepted(accepted) for finding in statics_findings(at.arm, self.statics, self.bound_sources)
+        )
 
     def __repr__(self) -> str:
         counts = f"sources {len(self.sources)}, draws {len(self.space.draws)}, poses {len(self.poses)}"
@@ -439,20 +441,21 @@ class ErrorModel:
         """Return the model at poses ``(n, P)``, with terms computed for all poses at once if the sources accept it."""
         stacked, bare = self.chain.postures_at(values)
         if approaches is not None:
+            stacked = replace(stacked, approach=tuple(approaches))
             bare = [replace(p, approach=tuple(a)) for p, a in zip(bare, approaches.T.tolist(), strict=True)]
         if self.statics == "nominal" and len(bare) > 1:
             with suppress(InputError):  # raised again when the iterator reaches the pose at fault
-                terms = bound_source.terms_at_many(stacked, bare, self.bound_sources)
-                if terms is not None:
-                    return self._models(bound_source.load_posture(stacked, self.bound_sources), terms, bare)
+                postures = bound_source.load_postures(stacked, bare, self.bound_sources)
+                terms = None if postures is None else bound_source.terms_at_many(*postures, self.bound_sources)
+                if postures is not None and terms is not None:
+                    return self._models(*postures, terms)
         return map(self._at, bare)
 
-    def _models(self, posture: Posture, terms: tuple[Term, ...], bare: Sequence[Posture]) -> Iterator[PoseModel]:
+    def _models(self, stacked: Posture, each: Sequence[Posture], terms: tuple[Term, ...]) -> Iterator[PoseModel]:
         """Yield the model at each configuration of a posture; the terms have a twist per configuration."""
-        tables = self._layout_of(terms).at_many(posture, terms)
-        for k, (bare_posture, table) in enumerate(zip(bare, tables, strict=True)):
-            loaded = bare_posture.with_loads(posture.loads[len(bare_posture.loads) :]).with_tilts(posture.tilts)
-            yield self._in_datum(PoseModel(loaded, self.space, table, TermsOfPose(terms, k)))
+        tables = self._layout_of(terms).at_many(stacked, terms)
+        for k, (posture, table) in enumerate(zip(each, tables, strict=True)):
+            yield self._in_datum(PoseModel(posture, self.space, table, TermsOfPose(terms, k)))
 
     def _layout_of(self, terms: tuple[Term, ...]) -> TableLayout:
         """Return the layout of terms: the previous one, unless targets or factors differ."""
@@ -463,9 +466,9 @@ class ErrorModel:
     def _at(self, bare: Posture) -> PoseModel:
         posture = bound_source.load_posture(bare, self.bound_sources)
         if self.statics == "nominal":
-            terms = self._make_terms(posture)
+            terms = bound_source.terms_at(posture, self.bound_sources)
         else:
-            terms = terms_about_rest(solve_equilibrium(posture, self.space, self._make_terms))
+            terms = terms_about_rest(solve_equilibrium(posture, self.space, self.bound_sources))
         return self._in_datum(PoseModel(posture, self.space, self._layout_of(terms).at(posture, terms), terms))
 
     def _in_datum(self, at: PoseModel) -> PoseModel:
@@ -526,9 +529,6 @@ class ErrorModel:
         model.sources = bound_source.LabelledSources((*sources.values(), *arm.sources), labels)
         model.assumed = tuple(label for label in self.assumed if label in sources)
         return model
-
-    def _make_terms(self, posture: Posture) -> tuple[Term, ...]:
-        return tuple(itertools.chain.from_iterable(source.terms(posture) for source in self.bound_sources))
 
 
 def _against(argument: Any, datums: Sequence[Datum | str]) -> Any:

@@ -25,7 +25,7 @@ from precision_pin.base.arrays import Array, Fixed, read_only, returns_read_only
 from precision_pin.base.errors import Finding, InputError, add, shown, warns_at_end
 from precision_pin.base.units import ACCELERATION, LENGTH, MASS
 from precision_pin.render.html import Table, rendered
-from precision_pin.robot.configurations import Approach, Configurations
+from precision_pin.robot.configurations import Configurations
 from precision_pin.robot.examples import ELSEWHERE, resolve_robot
 from precision_pin.robot.pinocchio_model import PinocchioModel, model_poses
 from precision_pin.robot.places import (
@@ -490,7 +490,8 @@ class Posture:
             places.
         tilts: Contributions of sources to gravity: vectors ``(3,)``, base axes, m/s², with the parameters that multiply
             them.
-        approach: Direction in which each joint moved last: 1, -1, or 0 if unknown; empty without an approach.
+        approach: Direction in which each joint moved last: 1, -1, or 0 if unknown, ``([P])`` each; empty without an
+            approach.
         deciding: The posture whose loads decide the side of a play, if not this one.
 
     Examples:
@@ -506,7 +507,7 @@ class Posture:
     loads: tuple[Load, ...]
     deflection: Deflection | None = None
     tilts: tuple[tuple[Array, Factors], ...] = ()
-    approach: Approach = ()
+    approach: tuple[Any, ...] = ()
     deciding: Posture | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -620,8 +621,8 @@ class Posture:
         chain, file = self.chain, os.path.basename(self.chain.robot.file)
         return f"<Posture of {file!r}, {chain.base!r} to {chain.tip_label!r}, at {spaced(self.q)}>"
 
-    def direction_of(self, joint: int) -> int:
-        """Return the direction in which a joint (0-based) moved last: 1, -1, or 0 if unknown."""
+    def direction_of(self, joint: int) -> Any:
+        """Return the direction ``([P])`` in which a joint (0-based) moved last: 1, -1, or 0 if unknown."""
         return (self.approach or (0,) * len(self.chain.joints))[self.chain.joint_number(joint)]
 
     def with_loads(self, loads: Sequence[Load]) -> Posture:

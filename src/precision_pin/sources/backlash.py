@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
-from precision_pin.sources.places import approach_draw, approach_of
+from precision_pin.sources.places import approach_draw
 from precision_pin.terms import Factors, InputError, JointValue, LabelledSpace, Posture, Source, Term, at_means, units
 from precision_pin.terms.term import side_of
 
@@ -49,6 +49,7 @@ class Backlash(Source):
         -1.87
     """
 
+    takes_many: ClassVar[bool] = True
     is_in_drive: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {
         "backlash": "backlash of {subject}",
@@ -72,22 +73,24 @@ class Backlash(Source):
         return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope), (units.RATIO,)),)
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
-        """Yield one term."""
+        """Yield one term, or one for each way in which it arises at P configurations."""
         joint = posture.chain.joint_index(self.joint)
         gap = space.positive("backlash", self.backlash, zero=True)
-        direction = posture.direction_of(joint)
-        if direction:
+        direction = np.asarray(posture.direction_of(joint))
+        if direction.any():
             # friction minus load, in the direction of motion: not negative on the flank behind the drive
-            margin: dict[Factors, float] = {(): self.band}
+            margin: dict[Factors, Any] = {(): self.band}
             for factors, share in (posture.deciding or posture).torque_on(joint).items():
                 margin[factors] = margin.get(factors, 0.0) - direction * share
             yield Term.of(JointValue(joint), -direction / 2, gap, side_of(margin, space.space))
-            return
-        torque = float(at_means(posture.torque_on(joint), space.space))
-        if abs(torque) >= self.band:
-            yield Term.of(JointValue(joint), np.sign(torque) / 2, gap)
-        elif self.scope == "visit" and approach_draw(self.joint).name in space.space.index:
+        torque = at_means(posture.torque_on(joint), space.space)
+        is_pressed = (direction == 0) & (np.abs(torque) >= self.band)
+        is_held = (direction == 0) & ~is_pressed
+        if is_pressed.any():
+            yield Term.of(JointValue(joint), np.sign(torque) / 2 * is_pressed, gap)
+        if is_held.any() and self.scope == "visit" and approach_draw(self.joint).name in space.space.index:
             # a servo or gear of the joint has the direction in which it arrived, one for all of them
-            yield Term.of(JointValue(joint), -0.5, gap, approach_of(posture, self.joint, space))
-        else:
-            yield Term.of(JointValue(joint), 0.5, gap, space.component("side"))
+            approach = space.space.parameter(approach_draw(self.joint).name)
+            yield Term.of(JointValue(joint), -0.5 * is_held, gap, approach)
+        elif is_held.any():
+            yield Term.of(JointValue(joint), 0.5 * is_held, gap, space.component("side"))

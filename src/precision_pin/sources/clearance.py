@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from precision_pin.draws.laws import Circle, Disc, Uniform
 from precision_pin.draws.space import LabelledSpace, Space, entry_name
 from precision_pin.sources.places import PadsOn, height_above_seat, seat_of, seat_wrench, shift_of_point, travels
 from precision_pin.terms import Array, Chain, Dependence, Factors, InputError, Posture, Source, Term, at_means, units
-from precision_pin.terms.term import bounds_of, is_same_for_all, load_value, side_of
+from precision_pin.terms.term import DifferentFormulas, bounds_of, is_same_for_all, load_value, side_of
 
 _NOTHING: Final = 1e-12
 """Fraction of the band added to a load, squared, so that a zero load has a direction; changes no other load's digits."""
@@ -117,9 +117,13 @@ class Clearance(Source):
         """The loads if they decide the direction; else the configuration, since a carriage may travel."""
         return "loads" if self.direction == "load" else "configuration"
 
+    def accepts_many(self, chain: Chain) -> bool:
+        """Return whether the pads do not travel."""
+        return not travels(chain, chain.joint_index(self.joint), self.pads_on)
+
     def is_alike_everywhere(self, chain: Chain) -> bool:
         """Return whether the directions are random and the pads do not travel."""
-        return self.direction == "random" and not travels(chain, chain.joint_index(self.joint), self.pads_on)
+        return self.direction == "random" and self.accepts_many(chain)
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return the random directions of A and B, of unit radius, and the axial side, -1 to 1."""
@@ -133,7 +137,7 @@ class Clearance(Source):
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term for a journal placed by the mean load, two for any other, and one for the axial play.
 
-        If each robot's load decides, there are terms for both outcomes.
+        If each robot's load decides, or at P configurations, there are terms for both outcomes.
         """
         chain = posture.chain
         joint = chain.joint_index(self.joint)
@@ -142,8 +146,12 @@ class Clearance(Source):
                 f"{self.joint} slides: give its play along the axis as backlash, not as axial: of clearance"
             )
         place, to_place = seat_of(chain, joint)
-        load = np.zeros(6) + at_means(seat_wrench(posture, joint), space.space)
-        robot_wrenches = seat_wrench(posture.deciding or posture, joint) if posture.direction_of(joint) else {}
+        load = at_means(seat_wrench(posture, joint), space.space)
+        load = load if load.ndim else np.zeros(6)
+        is_approached = np.any(posture.direction_of(joint))
+        robot_wrenches = seat_wrench(posture.deciding or posture, joint) if is_approached else {}
+        if load.ndim > 1 and self.band is not None and not is_same_for_all(robot_wrenches):
+            raise DifferentFormulas
         height_a = height_above_seat(posture, joint, self.start, self.pads_on)
         height_b = height_a + self.span
         size_a, *others = [
@@ -163,11 +171,16 @@ class Clearance(Source):
                     yield Term.of(place, to_place @ column, *_half_factors(size), share)
                     if free != 0.0:
                         yield Term.of(place, to_place @ column, *_half_factors(size), free, component)
-            elif self._is_decided(force):
-                yield Term.of(place, to_place @ shift @ force / np.linalg.norm(force), *_half_factors(size))
-            else:
+                continue
+            amount = np.sqrt(np.einsum("k...,k...->...", force, force))
+            is_pressed = amount >= self._threshold
+            if is_pressed.any():
+                twist = to_place @ shift @ (force * is_pressed) / np.where(is_pressed, amount, 1.0)
+                yield Term.of(place, twist, *_half_factors(size))
+            if not is_pressed.all():
                 for column, component in zip(shift.T, components, strict=True):
-                    yield Term.of(place, to_place @ column, *_half_factors(size), component)
+                    twist = np.multiply.outer(to_place @ column, ~is_pressed)
+                    yield Term.of(place, twist, *_half_factors(size), component)
         if self.axial != 0.0:
             along = to_place[:, 2]
             size = space.positive("axial", self.axial, zero=True)
@@ -177,21 +190,26 @@ class Clearance(Source):
                 yield Term.of(place, along, *_half_factors(size), side)
                 if free != 0.0:
                     yield Term.of(place, along, *_half_factors(size), free, space.component("side"))
-            elif self._is_decided(load[2:3]):
-                yield Term.of(place, along * np.sign(load[2]), *_half_factors(size))
-            else:
-                yield Term.of(place, along, *_half_factors(size), space.component("side"))
+                return
+            is_pressed = np.abs(load[2]) >= self._threshold
+            if is_pressed.any():
+                yield Term.of(place, np.multiply.outer(along, np.sign(load[2]) * is_pressed), *_half_factors(size))
+            if not is_pressed.all():
+                twist = np.multiply.outer(along, ~is_pressed)
+                yield Term.of(place, twist, *_half_factors(size), space.component("side"))
 
-    def _is_decided(self, force: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
-        return self.band is not None and float(np.linalg.norm(force)) >= self.band
+    @property
+    def _threshold(self) -> float:
+        """Load from which on the mean load gives the direction."""
+        return math.inf if self.band is None else self.band
 
     def _radial_directions(self, forces: Mapping[Factors, Array], space: Space) -> tuple[Value, Value, Value] | None:
         """Return the load direction ``(x, y)`` on a journal, and 1 in robots with a load below the band, else 0."""
         # the direction is zero below the band; `None` if no robot's load decides, or all robots have equal loads
-        x, y = ({factors: float(force[k]) for factors, force in forces.items()} for k in range(2))
-        if self.band is None or (is_same_for_all(x) and is_same_for_all(y)):
+        if self.band is None or is_same_for_all(forces):
             return None
-        bounds = [bounds_of(force, space) for force in (x, y)]
+        x, y = ({factors: float(force[k]) for factors, force in forces.items()} for k in range(2))
+        bounds = [(float(low), float(high)) for low, high in (bounds_of(x, space), bounds_of(y, space))]
         lowest, highest = (math.hypot(*map(distance, bounds)) for distance in (_nearest, _farthest))
         if highest < self.band:
             return None
@@ -208,7 +226,8 @@ class Clearance(Source):
         # `None` if all robots have equal loads
         if self.band is None or is_same_for_all(force):
             return None
-        above, below = (side_of({**force, (): force.get((), 0.0) + shift}, space) for shift in (-self.band, self.band))
+        shifted = ({**force, (): force.get((), 0.0) + shift} for shift in (-self.band, self.band))
+        above, below = (cast("Value", side_of(load, space)) for load in shifted)
         return (above + below) * 0.5, (below - above) * 0.5
 
 

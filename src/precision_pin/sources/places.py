@@ -30,7 +30,6 @@ from precision_pin.terms import (
     Scope,
     Source,
     Term,
-    Value,
     units,
 )
 
@@ -80,10 +79,16 @@ def approach_draw(joint: str) -> Draw:
     return Draw(f"approach[{joint}]", Uniform(1.0), Scope.VISIT, (units.RATIO,))
 
 
-def approach_of(posture: Posture, joint: str, space: LabelledSpace) -> Value:
-    """Return the direction in which a joint moved last, 1 or -1, or the parameter of :func:`approach_draw` if it is unknown."""
-    direction = posture.direction_of(posture.chain.joint_index(joint))
-    return float(direction) if direction else space.space.parameter(approach_draw(joint).name)
+def approach_of(posture: Posture, joint: str, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
+    """Yield the direction in which a joint moved last as numbers ``([P])`` times parameters, to be added.
+
+    Where it is known, the number is 1 or -1; where not, 1 with the parameter of :func:`approach_draw`.
+    """
+    direction = np.asarray(posture.direction_of(posture.chain.joint_index(joint)), dtype=float)
+    if direction.any():
+        yield direction, ()
+    if not direction.all():
+        yield np.where(direction == 0, 1.0, 0.0), (space.space.parameter(approach_draw(joint).name),)
 
 
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:

@@ -10,6 +10,7 @@ from precision_pin.base.arguments import check_choice
 from precision_pin.sources.places import approach_draw, approach_of
 from precision_pin.sources.published import take_published
 from precision_pin.terms import (
+    Array,
     Draw,
     InputError,
     JointValue,
@@ -61,6 +62,7 @@ class Servo(Source):
         -6.501
     """
 
+    takes_many: ClassVar[bool] = True
     holds_joint: ClassVar[bool] = True
     words: ClassVar[Mapping[str, str]] = {
         "stiffness": "servo stiffness of {subject}",
@@ -125,17 +127,20 @@ class Servo(Source):
             yield Term.of(target, -self._known_torque(posture, joint, space), share, flexibility)
         if not self.has_friction:
             return
-        direction = approach_of(posture, self.joint, space)
-        friction = 0.0 if self.friction is None else self.friction
-        yield Term.of(target, -1.0, direction, space.positive("friction", friction, zero=True), flexibility)
+        friction = space.positive("friction", 0.0 if self.friction is None else self.friction, zero=True)
+        directions = list(approach_of(posture, self.joint, space))
+        for direction, approach in directions:
+            yield Term.of(target, -direction, *approach, friction, flexibility)
         coefficient = space.positive("load_friction", self.load_friction, zero=True)
         if coefficient != 0.0:
             side = side_of((posture.deciding or posture).torque_on(joint), space.space)
-            for factors, torque in torques.items():
-                yield Term.of(target, -torque, *factors, direction, side, coefficient, flexibility, loaded=True)
+            for direction, approach in directions:
+                for factors, torque in torques.items():
+                    twist = -torque * direction
+                    yield Term.of(target, twist, *factors, *approach, side, coefficient, flexibility, loaded=True)
 
-    def _known_torque(self, posture: Posture, joint: int, space: LabelledSpace) -> float:
+    def _known_torque(self, posture: Posture, joint: int, space: LabelledSpace) -> Array:
         loads = posture.chain.loads if self.compensates == "links" else posture.loads
         weights = tuple(replace(load, wrenches=()) for load in loads if load.moments)
         commanded = replace(posture, loads=weights, tilts=(), deflection=None)
-        return float(at_means(commanded.torque_on(joint), space.space))
+        return at_means(commanded.torque_on(joint), space.space)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, cast
+
+import numpy as np
 
 from precision_pin.draws.expressions import Value, sign
 from precision_pin.draws.space import LabelledSpace, entry_name
@@ -13,9 +15,10 @@ from precision_pin.sources.periodic import amplitude_remarks, periodic_terms, ph
 from precision_pin.sources.places import approach_draw, approach_of
 from precision_pin.sources.published import take_published
 from precision_pin.terms import (
-    Chain,
+    Array,
     Dependence,
     Draw,
+    Expression,
     Finding,
     InputError,
     JointValue,
@@ -25,7 +28,7 @@ from precision_pin.terms import (
     Term,
     units,
 )
-from precision_pin.terms.term import bounds_of, load_value, side_of
+from precision_pin.terms.term import DifferentFormulas, bounds_of, load_value, side_of
 
 _LOST: Final = 0.03
 """Torque at which lost motion is measured, as a share of the rated torque."""
@@ -76,6 +79,7 @@ class Transmission(Source):
         [0.019 0.264 0.   ]
     """
 
+    takes_many: ClassVar[bool] = True
     is_in_drive: ClassVar[bool] = True
     deviations: ClassVar[tuple[str, ...]] = ("lead_error",)
     words: ClassVar[Mapping[str, str]] = {
@@ -155,10 +159,6 @@ class Transmission(Source):
         """The configuration, or the loads if there is a wind-up."""
         return "configuration" if self.stiffness is None and self.hysteresis_loss is None else "loads"
 
-    def accepts_many(self, chain: Chain) -> bool:
-        """Return whether neither a piece nor the approach depends on the posture."""
-        return len(self._pieces) < 2 and self.lost_motion is None and self.hysteresis_loss is None
-
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return a phase for each amplitude, and how the joint arrived if that matters."""
         phases = (phase_draw(f"{label}.{entry_name('phase', k)}") for k in range(len(self.amplitude)))
@@ -189,7 +189,8 @@ class Transmission(Source):
             yield from self._wind_up(posture, joint, space)
         if self.hysteresis_loss is not None:
             width = space.positive("hysteresis_loss", self.hysteresis_loss, zero=True)
-            yield Term.of(JointValue(joint), -0.5, approach_of(posture, self.joint, space), width)
+            for direction, approach in approach_of(posture, self.joint, space):
+                yield Term.of(JointValue(joint), -0.5 * direction, *approach, width)
 
     def _flexibilities(self, space: LabelledSpace) -> tuple[tuple[float, ...], list[Value]]:
         """Return the torques between the pieces, and the flexibility of each."""
@@ -216,17 +217,17 @@ class Transmission(Source):
         # the load of each robot decides about its piece; derivatives take the piece as it is
         deciding = (posture.deciding or posture).torque_on(joint)
         low, high = bounds_of(deciding, space.space)
-        load, side = load_value(deciding), side_of(deciding, space.space)
+        side = side_of(deciding, space.space)
         for limit, before, after in zip(limits, flexibilities, flexibilities[1:], strict=False):
-            beyond: Value
-            if isinstance(load, float):
-                beyond = float(abs(load) > limit)
-            elif low >= limit or high <= -limit:
-                beyond = 1.0
-            else:
-                beyond = (1.0 + sign(load * load - limit**2)) / 2 if high > limit or low < -limit else 0.0
-            if beyond == 0.0:
+            is_within = (low >= -limit) & (high <= limit)
+            if np.all(is_within):
                 continue
+            beyond: Value | Array = np.where(is_within, 0.0, 1.0)
+            if not np.all(is_within | (low >= limit) | (high <= -limit)):
+                if low.ndim:
+                    raise DifferentFormulas
+                load = cast("Expression", load_value(deciding))
+                beyond = (1.0 + sign(load * load - limit**2)) / 2
             change = after - before
             for factors, torque in torques.items():
                 yield Term.of(JointValue(joint), torque, *factors, beyond, change, loaded=True)

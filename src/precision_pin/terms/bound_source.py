@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, SupportsIndex, overload
 
@@ -20,7 +21,7 @@ from precision_pin.robot.chain import Chain, Posture
 from precision_pin.robot.places import Factors, Load
 from precision_pin.terms.source import Source
 from precision_pin.terms.table import is_alike
-from precision_pin.terms.term import Term
+from precision_pin.terms.term import DifferentFormulas, Term
 
 
 class BoundSource:
@@ -96,28 +97,43 @@ def load_posture(bare: Posture, sources: Iterable[BoundSource]) -> Posture:
     return loaded.with_tilts([tilt for source in bound_sources for tilt in source.gravity(bare)])
 
 
-def terms_at_many(bare: Posture, each: Sequence[Posture], sources: Sequence[BoundSource]) -> tuple[Term, ...] | None:
-    """Return the terms of sources at P configurations, their twists with a last dimension of P.
-
-    Sources that do not accept many postures at once are evaluated one posture at a time. Returns None if targets,
-    factors or loads of sources change between the configurations.
+def load_postures(
+    stacked: Posture, each: Sequence[Posture], sources: Sequence[BoundSource]
+) -> tuple[Posture, list[Posture]] | None:
+    """Return postures with the loads of sources and their contributions to gravity; None if these may differ.
 
     Args:
-        bare: A posture of P configurations, without the loads of sources.
+        stacked: A posture of P configurations, without the loads of sources.
         each: The P postures of one configuration.
     """
-    single_flags = [not source.source.accepts_many(bare.chain) for source in sources]
-    if any(is_single and source.has_loads for is_single, source in zip(single_flags, sources, strict=True)):
+    if any(source.has_loads and not source.source.accepts_many(stacked.chain) for source in sources):
         return None
-    loaded_posture = load_posture(bare, sources)
-    loaded_postures: list[Posture] = []
+    loaded, own = load_posture(stacked, sources), len(stacked.loads)
+    return loaded, [bare.with_loads(loaded.loads[own:]).with_tilts(loaded.tilts) for bare in each]
+
+
+def terms_at(posture: Posture, sources: Iterable[BoundSource]) -> tuple[Term, ...]:
+    """Return the terms of sources at a posture with all loads."""
+    return tuple(itertools.chain.from_iterable(source.terms(posture) for source in sources))
+
+
+def terms_at_many(stacked: Posture, each: Sequence[Posture], sources: Sequence[BoundSource]) -> tuple[Term, ...] | None:
+    """Return the terms of sources at P configurations, their twists with a last dimension of P.
+
+    Sources that do not accept these postures at once are evaluated one posture at a time. Returns None if targets or
+    factors then change between the configurations.
+
+    Args:
+        stacked: A posture of P configurations, with all loads.
+        each: The P postures of one configuration, with all loads.
+    """
     terms: list[Term] = []
-    for source, is_single in zip(sources, single_flags, strict=True):
-        if not is_single:
-            terms += source.terms(each[0] if source.is_same_everywhere else loaded_posture)
-            continue
-        loaded_postures = loaded_postures or [load_posture(posture, sources) for posture in each]
-        first, *others = terms_by_pose = [tuple(source.terms(posture)) for posture in loaded_postures]
+    for source in sources:
+        if source.source.accepts_many(stacked.chain):
+            with suppress(DifferentFormulas):
+                terms += tuple(source.terms(each[0] if source.is_same_everywhere else stacked))
+                continue
+        first, *others = terms_by_pose = [tuple(source.terms(posture)) for posture in each]
         if not all(len(other) == len(first) and all(map(is_alike, first, other)) for other in others):
             return None
         twists = (np.stack([t[row].twist for t in terms_by_pose], axis=-1) for row in range(len(first)))

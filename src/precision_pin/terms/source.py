@@ -213,8 +213,10 @@ class Source(ABC):
     def accepts_many(self, chain: Chain) -> bool:
         """Return whether :meth:`terms` also takes a posture of P configurations of a chain, which makes maps faster.
 
-        Targets and factors are then equal at all configurations, and twists get a last dimension of P. Loads and gravity
-        do not depend on the configuration, and nothing depends on the approach. False is always safe.
+        Targets and factors are then equal at all configurations, and twists get a last dimension of P; a twist is zero
+        where a configuration alone has no such term. Where factors do differ, `terms` raises
+        :class:`~precision_pin.terms.term.DifferentFormulas`. Loads and gravity do not depend on the configuration. False
+        is always safe.
         """
         return self.takes_many or self.depends_on == "chain"
 

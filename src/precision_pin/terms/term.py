@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add, mul
-from typing import ClassVar, overload
+from typing import Any, ClassVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,11 +84,11 @@ class Term:
             )
 
     @classmethod
-    def of(cls, target: Target, twist: ArrayLike, *values: Value, loaded: bool = False) -> Term:
+    def of(cls, target: Target, twist: ArrayLike, *values: Value | Array, loaded: bool = False) -> Term:
         """Return the term with numbers multiplied into the twist and expressions kept as factors.
 
         With more than three factors, the first ones are merged into a formula, their product. A joint value takes a
-        number as twist, or P numbers for a posture of P configurations.
+        number as twist, or P numbers for a posture of P configurations, for which a value may be P numbers too.
         """
         scaled = np.atleast_1d(check_numbers("the twist of a term", twist))
         if isinstance(target, JointValue) and scaled.shape[0] > 1 == scaled.ndim:
@@ -97,11 +97,18 @@ class Term:
         for value in values:
             if isinstance(value, Expression):
                 factors.append(value)
+            elif isinstance(value, np.ndarray):
+                numbers = check_numbers("a factor of a term", value)
+                scaled = (scaled.reshape(len(scaled), -1) if numbers.ndim else scaled) * numbers
             else:
                 scaled = scaled * check_number("a factor of a term", value, "a number or a parameter")
         while len(factors) > MOST_FACTORS:
             factors[:2] = [factors[0] * factors[1]]
         return cls(target, scaled, tuple(factors), loaded)
+
+
+class DifferentFormulas(Exception):
+    """Terms at many configurations whose factors differ; each configuration alone has its own formulas."""
 
 
 class TermsOfPose(Sequence[Term]):
@@ -163,27 +170,35 @@ def load_value(load: Mapping[Factors, float]) -> Value:
     return parts[0] + constant if parts and constant else parts[0] if parts else constant
 
 
-def bounds_of(load: Mapping[Factors, float], space: Space) -> tuple[float, float]:
-    """Return bounds of a load over all robots; infinite if a parameter is a formula."""
-    low = high = 0.0
+def bounds_of(load: Mapping[Factors, ArrayLike], space: Space) -> tuple[Array, Array]:
+    """Return bounds of a load ``([P])`` over all robots; infinite if a parameter is a formula."""
+    low = high = np.zeros(())
     for factors, number in load.items():
-        ends = [float(number)]
-        for factor in factors if number else ():
+        ends = [np.asarray(number, dtype=float)]
+        for factor in factors if np.any(number) else ():
             pair = space.intervals[space.index[factor.name]] if isinstance(factor, Component) else (-math.inf, math.inf)
-            ends = [end * other if end and other else 0.0 for end in ends for other in pair]
-        low, high = low + min(ends), high + max(ends)
+            with np.errstate(invalid="ignore"):  # zero times an infinite bound is zero
+                ends = [np.where((end == 0) | (other == 0), 0.0, end * other) for end in ends for other in pair]
+        low, high = low + np.min(ends, axis=0), high + np.max(ends, axis=0)
     return low, high
 
 
-def is_same_for_all(load: Mapping[Factors, float]) -> bool:
+def is_same_for_all(load: Mapping[Factors, ArrayLike]) -> bool:
     """Return whether a load has no random part."""
-    return not any(factors and number for factors, number in load.items())
+    return not any(factors and np.any(number) for factors, number in load.items())
 
 
-def side_of(load: Mapping[Factors, float], space: Space) -> Value:
-    """Return 1 for robots with a load of zero or more, else -1: a number if all robots agree."""
+def side_of(load: Mapping[Factors, Any], space: Space) -> Value | Array:
+    """Return 1 for robots with a load ``([P])`` of zero or more, else -1: a number ``([P])`` if all robots agree.
+
+    Raises:
+        DifferentFormulas: Robots differ at one of P configurations.
+    """
     low, high = bounds_of(load, space)
-    if low >= 0 or high < 0:
-        return 1.0 if low >= 0 else -1.0
+    if np.all((low >= 0) | (high < 0)):
+        side: Array = np.where(low >= 0, 1.0, -1.0)
+        return side if side.ndim else float(side)
+    if low.ndim:
+        raise DifferentFormulas
     value = load_value(load)
     return sign(value) if not isinstance(value, float) else 1.0 if value >= 0 else -1.0
