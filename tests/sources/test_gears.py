@@ -176,9 +176,14 @@ def test_play_lies_on_the_flank_to_which_servo_or_hysteresis_of_the_joint_arrive
     for side in (1, -1):
         turned_to = model().at([0.0], approach={"hinge": side}).error_at_means[4]
         assert_allclose(turned_to, start - side * (6.5e-4 + 1.5e-4), rtol=1e-12)
-    x = model().space.sample(0, 0, 50)
-    arrived, lies = (x[model().space.index[name]] for name in ("approach[hinge]", "backlash[hinge].side"))
-    assert_allclose(model().at([0.0]).exact(x)[4], start - (6.5e-4 + 1.5e-4) * arrived, rtol=1e-9, atol=1e-16)
-    # a side that a unit keeps is no matter of a visit's arrival
+    # only a side that a unit keeps is drawn besides, which changes no other number
+    assert model().space.components == ("approach[hinge]",)
+    of_unit = model(scope="unit")
+    x = of_unit.space.sample(0, 0, 50)
+    arrived, lies = (x[of_unit.space.index[name]] for name in ("approach[hinge]", "backlash[hinge].side"))
+    assert np.array_equal(model().space.sample(0, 0, 50), arrived[None])
+    turned = model().at([0.0]).exact(arrived[None])[4]
+    assert_allclose(turned, start - (6.5e-4 + 1.5e-4) * arrived, rtol=1e-9, atol=1e-16)
+    # it is no matter of a visit's arrival
     expected = start - 6.5e-4 * arrived + 1.5e-4 * lies
-    assert_allclose(model(scope="unit").at([0.0]).exact(x)[4], expected, rtol=1e-9, atol=1e-16)
+    assert_allclose(of_unit.at([0.0]).exact(x)[4], expected, rtol=1e-9, atol=1e-16)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -72,6 +72,10 @@ class Backlash(Source):
         """Return the position in the gap, -1 to 1, for a load below the band."""
         return (Draw(f"{label}.side", Uniform(1.0), Scope(self.scope), (units.RATIO,)),)
 
+    def idle_draws(self, label: str, names: Collection[str]) -> Collection[str]:
+        """Return the position in the gap if a servo or gear of the joint has the direction in which it arrived."""
+        return (f"{label}.side",) if self.scope == "visit" and approach_draw(self.joint).name in names else ()
+
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term, or one for each way in which it arises at P configurations."""
         joint = posture.chain.joint_index(self.joint)
@@ -88,8 +92,8 @@ class Backlash(Source):
         is_held = (direction == 0) & ~is_pressed
         if is_pressed.any():
             yield Term.of(JointValue(joint), np.sign(torque) / 2 * is_pressed, gap)
-        if is_held.any() and self.scope == "visit" and approach_draw(self.joint).name in space.space.index:
-            # a servo or gear of the joint has the direction in which it arrived, one for all of them
+        if is_held.any() and self.idle_draws(space.label, space.space.index):
+            # one direction for all of them
             approach = space.space.parameter(approach_draw(self.joint).name)
             yield Term.of(JointValue(joint), -0.5 * is_held, gap, approach)
         elif is_held.any():

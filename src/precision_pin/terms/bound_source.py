@@ -161,8 +161,12 @@ def labels(sources: Sequence[Source]) -> tuple[str, ...]:
 
 
 def own_draws(sources: Sequence[Source], labels: Sequence[str]) -> list[Draw]:
-    """Return the draws of all sources, each named after its source's label."""
-    return [draw for source, label in zip(sources, labels, strict=True) for draw in source.draws(label)]
+    """Return the draws of all sources that are used in a model, each named after its source's label."""
+    pairs = list(zip(sources, labels, strict=True))
+    draws = [draw for source, label in pairs for draw in source.draws(label)]
+    names = {draw.name for draw in draws}
+    idle = {name for source, label in pairs for name in source.idle_draws(label, names)}
+    return [draw for draw in draws if draw.name not in idle]
 
 
 def draw_owners(space: Space, sources: Sequence[Source], labels: Sequence[str]) -> tuple[tuple[str, ...], ...]:

@@ -8,7 +8,7 @@ import itertools
 import re
 import typing
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar, Literal
@@ -301,6 +301,10 @@ class Source(ABC):
 
     def own_draws(self, label: str) -> tuple[Draw, ...]:
         """Return further draws of the source, with quantities, besides the laws in its settings."""
+        return ()
+
+    def idle_draws(self, label: str, names: Collection[str]) -> Collection[str]:
+        """Return its further draws that nothing uses in a model with draws of these names (default: none)."""
         return ()
 
     @classmethod
