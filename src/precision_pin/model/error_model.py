@@ -39,6 +39,7 @@ from precision_pin.robot.chain import Chain, HasChain, Posture, chain_of, pose_f
 from precision_pin.robot.configurations import Approach, ApproachedPose, read_approach, read_approaches
 from precision_pin.robot.datums import COMPENSATED, NO_DATUM, Datum, check_together
 from precision_pin.robot.examples import ELSEWHERE, ROBOT_SUFFIXES, require_sheet, resolve_robot
+from precision_pin.robot.places import Factors
 from precision_pin.sheet import Overrides, Sheet, read_data
 from precision_pin.sheet import read as read_sheet
 from precision_pin.sheet.reader import MEASURED
@@ -110,7 +111,7 @@ class ErrorModel:
         self.sheet: Sheet | None = None
         self.beyond_limits = False
         self.datums: tuple[Datum, ...] = ()
-        self._layout: TableLayout | None = None
+        self._layouts: dict[tuple[Factors, ...], TableLayout] = {}
 
     @classmethod
     @warns_at_end
@@ -458,10 +459,15 @@ class ErrorModel:
             yield self._in_datum(PoseModel(posture, self.space, table, TermsOfPose(terms, k)))
 
     def _layout_of(self, terms: tuple[Term, ...]) -> TableLayout:
-        """Return the layout of terms: the previous one, unless targets or factors differ."""
-        if self._layout is None or not self._layout.fits(terms):
-            self._layout = TableLayout.of(terms, self.space)
-        return self._layout
+        """Return the layout of terms: an earlier one with equal targets and factors, if there is one."""
+        key = tuple(term.factors for term in terms)
+        layout = self._layouts.get(key)
+        if layout is None or not layout.fits(terms):
+            layout = TableLayout.of(terms, self.space)
+            if len(self._layouts) >= _MOST_LAYOUTS:
+                self._layouts.clear()
+            self._layouts[key] = layout
+        return layout
 
     def _at(self, bare: Posture) -> PoseModel:
         posture = bound_source.load_posture(bare, self.bound_sources)
@@ -588,6 +594,9 @@ def read_poses(
             raise InputError(f"pose {name!r}: {error.findings[0].message}") from None
     return configurations, approaches
 
+
+_MOST_LAYOUTS: Final = 32
+"""Layouts that a model keeps: as many as five joints have ways of being held by friction or not."""
 
 _NAMES: Final = ("x", "y", "z", "rx", "ry", "rz")
 """Settings of a ``frame`` source, in the order of ``[d; δ]``."""

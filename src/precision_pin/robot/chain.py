@@ -339,7 +339,7 @@ class Chain(Fixed):
             ],
         )
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the n joints, base to tip."""
         return tuple(joint.name for joint in self.joints)
@@ -656,11 +656,18 @@ class Posture:
     def torque_on(self, joint: int) -> dict[Factors, Any]:
         """Return the loads' torque or force on a joint (0-based), N·m or N, number or ``(P,)``, by the parameters."""
         joint = self.chain.joint_number(joint)
-        outer_loads = [load for load in self.loads if load.link > joint]
-        frame = self.loaded_link_poses[joint + 1]
-        wrenches = self.wrench_on(outer_loads, frame[:3, 3])
-        axis = se3.turn(frame[:3, :3], self.chain.axes[joint])
-        return torque_on(axis, bool(self.chain.prismatic[joint]), wrenches)
+        if joint not in self._torques:
+            outer_loads = [load for load in self.loads if load.link > joint]
+            frame = self.loaded_link_poses[joint + 1]
+            wrenches = self.wrench_on(outer_loads, frame[:3, 3])
+            axis = se3.turn(frame[:3, :3], self.chain.axes[joint])
+            self._torques[joint] = torque_on(axis, bool(self.chain.prismatic[joint]), wrenches)
+        return dict(self._torques[joint])
+
+    @cached_property
+    def _torques(self) -> dict[int, dict[Factors, Any]]:
+        """Torques on joints so far: the sources of a joint ask for the same."""
+        return {}
 
     @cached_property
     def _weights(self) -> dict[Load, Weight]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from precision_pin.draws.draw import Draw, Scope, Setting
 from precision_pin.draws.laws import Uniform
-from precision_pin.sources.places import approach_draw
+from precision_pin.sources.places import approach_name
 from precision_pin.terms import Factors, InputError, JointValue, LabelledSpace, Posture, Source, Term, at_means, units
 from precision_pin.terms.term import side_of
 
@@ -74,7 +74,7 @@ class Backlash(Source):
 
     def idle_draws(self, label: str, names: Collection[str]) -> Collection[str]:
         """Return the position in the gap if a servo or gear of the joint has the direction in which it arrived."""
-        return (f"{label}.side",) if self.scope == "visit" and approach_draw(self.joint).name in names else ()
+        return (f"{label}.side",) if self.scope == "visit" and approach_name(self.joint) in names else ()
 
     def terms(self, posture: Posture, space: LabelledSpace) -> Iterator[Term]:
         """Yield one term, or one for each way in which it arises at P configurations."""
@@ -94,7 +94,7 @@ class Backlash(Source):
             yield Term.of(JointValue(joint), np.sign(torque) / 2 * is_pressed, gap)
         if is_held.any() and self.idle_draws(space.label, space.space.index):
             # one direction for all of them
-            approach = space.space.parameter(approach_draw(self.joint).name)
+            approach = space.space.parameter(approach_name(self.joint))
             yield Term.of(JointValue(joint), -0.5 * is_held, gap, approach)
         elif is_held.any():
             yield Term.of(JointValue(joint), 0.5 * is_held, gap, space.component("side"))

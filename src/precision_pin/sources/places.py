@@ -74,9 +74,14 @@ def in_axes(rotation: Array, axes: Array, wrench: Array) -> Array:
     return np.concatenate([se3.turn(rotations, wrench[:3]), se3.turn(rotations, wrench[3:])])
 
 
+def approach_name(joint: str) -> str:
+    """Return the name of :func:`approach_draw`."""
+    return f"approach[{joint}]"
+
+
 def approach_draw(joint: str) -> Draw:
     """Return the draw, shared by the sources of a joint, of how it arrived at a visit: -1 to 1, its direction if known."""
-    return Draw(f"approach[{joint}]", Uniform(1.0), Scope.VISIT, (units.RATIO,))
+    return Draw(approach_name(joint), Uniform(1.0), Scope.VISIT, (units.RATIO,))
 
 
 def approach_of(posture: Posture, joint: str, space: LabelledSpace) -> Iterator[tuple[Array, Factors]]:
@@ -88,7 +93,7 @@ def approach_of(posture: Posture, joint: str, space: LabelledSpace) -> Iterator[
     if direction.any():
         yield direction, ()
     if not direction.all():
-        yield np.where(direction == 0, 1.0, 0.0), (space.space.parameter(approach_draw(joint).name),)
+        yield np.where(direction == 0, 1.0, 0.0), (space.space.parameter(approach_name(joint)),)
 
 
 def height_above_seat(posture: Posture, joint: int, height: float, pads_on: PadsOn) -> float:

@@ -90,7 +90,9 @@ class Term:
         With more than three factors, the first ones are merged into a formula, their product. A joint value takes a
         number as twist, or P numbers for a posture of P configurations, for which a value may be P numbers too.
         """
-        scaled = np.atleast_1d(check_numbers("the twist of a term", twist))
+        # most twists are numbers already, which the term checks
+        is_number = isinstance(twist, float) or (type(twist) is np.ndarray and twist.dtype == np.float64)
+        scaled: Array = np.atleast_1d(twist if is_number else check_numbers("the twist of a term", twist))
         if isinstance(target, JointValue) and scaled.shape[0] > 1 == scaled.ndim:
             scaled = scaled[None]
         factors: list[Expression] = []
@@ -98,7 +100,8 @@ class Term:
             if isinstance(value, Expression):
                 factors.append(value)
             elif isinstance(value, np.ndarray):
-                numbers = check_numbers("a factor of a term", value)
+                allowed = "a number or a parameter, or a number for each configuration"
+                numbers = check_numbers("a factor of a term", value, (None,) * min(value.ndim, 1), allowed)
                 scaled = (scaled.reshape(len(scaled), -1) if numbers.ndim else scaled) * numbers
             else:
                 scaled = scaled * check_number("a factor of a term", value, "a number or a parameter")
@@ -155,7 +158,7 @@ def at_means(values: Mapping[Factors, ArrayLike], space: Space) -> Array:
     """
     total: Array = np.zeros(())
     for factors, value in values.items():
-        share = Program.compile(factors, space.index).evaluate(space.mean[:, None]).prod()
+        share = Program.compile(factors, space.index).evaluate(space.mean[:, None]).prod() if factors else 1.0
         total = total + np.asarray(value, dtype=float) * share
     return total
 
