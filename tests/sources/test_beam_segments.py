@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from precision_pin import Draw, ErrorModel, InputError, Space, Uniform
 from precision_pin.draws.space import LabelledSpace
+from precision_pin.model.compliance import Elasticity, compliances_of
 from precision_pin.robot.places import Load
 from precision_pin.sources import Beam, JointCompliance
 from precision_pin.sources.profiles import Segment
@@ -176,6 +177,19 @@ def test_weight_by_section_loads_the_joints_and_links_before_it_too():
     torque += sum(mass * np.cross(centre, GRAVITY)[2] for mass, centre in CENTRES[1:])
     turn = next(total for target, total in totals.items() if total.shape == (1,))
     assert turn[0] == pytest.approx(1e-5 * torque, rel=1e-13)
+
+
+def test_the_compliance_of_a_tube_that_gives_its_weight_is_that_of_its_section():
+    """A force at the end bends each tube by its distance: ∫ (L - x)²/EI dx."""
+    model = ErrorModel(on_the_way(), Space(), [tubes()])
+    compliance = compliances_of(model, [0.0])["beam[arm]"]
+    start, bent = 0.0, 0.0
+    for end, (_, _, stiffness, _) in tube_parts()[0]:
+        bent += ((L - start) ** 3 - (L - end) ** 3) / (3 * stiffness)
+        start = end
+    assert compliance[2, 2] == pytest.approx(bent, rel=1e-12)
+    first, _ = Elasticity(model).at_many([[0.0], [0.3]])
+    assert first.whole(np.zeros((0, 1)))[2, 2, 0] == pytest.approx(bent, rel=1e-12)
 
 
 def test_a_density_given_is_used_instead_of_the_materials():

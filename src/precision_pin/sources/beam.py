@@ -283,9 +283,10 @@ class Beam(Profile, OnLink):
                         yield from attached_loads(load)
                 case "section":
                     weights = list(self._weights(line, space))
-                    if len(link_loads) != 2 * len(_along(posture.chain.loads, link)) + len(weights):
+                    # none of them where a force acts alone
+                    if link_loads and len(link_loads) != 2 * len(_along(posture.chain.loads, link)) + len(weights):
                         raise InputError(f"two beams give the link of {self.link!r} its weight by section")
-                    for start, stop, load in weights:
+                    for start, stop, load in weights if link_loads else ():
                         yield from beam_loads([load], end, start, stop)
             for load in posture.loads:
                 if load.link == link and not load.along:
