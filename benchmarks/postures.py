@@ -15,6 +15,7 @@ import argparse
 import math
 import os
 import time
+import warnings
 from collections.abc import Callable
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -22,6 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pinocchio
 
+from precision_pin.base.errors import PrecisionPinWarning
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.examples import shipped_sheets
@@ -98,6 +100,7 @@ def main() -> None:
     chain = ErrorModel.load(shipped_sheets()["4dof"]).chain
     _ = chain.at_many(np.zeros((len(chain.joints), 1))).load_torque
     print(f"first call, compiling included where nothing is cached: {time.perf_counter() - began:.2f} s")
+    warnings.simplefilter("ignore", PrecisionPinWarning)  # the poses are beyond limits
     for name in ARMS:
         compare(name, options.poses, options.tables)
 
