@@ -14,7 +14,8 @@ from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_mode
 from precision_pin.analyses.calibration.calibrate import LeftOutShare, gain_interval
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means
-from precision_pin.analyses.calibration.fit import Likelihood, Problem, largest_likelihood, leave_out
+from precision_pin.analyses.calibration.fit import Problem, leave_out
+from precision_pin.analyses.calibration.std_estimate import Likelihood, largest_likelihood
 from precision_pin.analyses.readings import stations_of
 from support.refusals import check_refused
 

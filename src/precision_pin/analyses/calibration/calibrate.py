@@ -19,7 +19,6 @@ from precision_pin.analyses.calibration import fit as fitting
 from precision_pin.analyses.calibration.causes import Cause, Evidence, find_causes
 from precision_pin.analyses.calibration.data import CalibrationData, approached, check_data, read_data
 from precision_pin.analyses.calibration.drift import drift_warnings
-from precision_pin.analyses.calibration.fit import LEVEL
 from precision_pin.analyses.calibration.forecast import (
     PosesOutcome,
     Posterior,
@@ -29,7 +28,9 @@ from precision_pin.analyses.calibration.forecast import (
 )
 from precision_pin.analyses.calibration.gains import MIN_GROUPS, CauseGain, cause_warnings, find_gains, gain_interval
 from precision_pin.analyses.calibration.instrument import length_stds
+from precision_pin.analyses.calibration.noise import LEVEL
 from precision_pin.analyses.calibration.start import check_directions, nominal_distance
+from precision_pin.analyses.calibration.std_estimate import EstimatedStd, chance_of, estimate_std, std_warnings
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.readings import measurements_of
 from precision_pin.base import se3
@@ -123,7 +124,7 @@ class CalibrationResult(PosesOutcome):
     improvement: Improvement | None
     causes: tuple[Cause, ...]
     gains: tuple[CauseGain, ...]
-    noise: Mapping[str, fitting.EstimatedStd]
+    noise: Mapping[str, EstimatedStd]
     repeated: int
     gross_errors: tuple[GrossError, ...]
     at_bounds: tuple[str, ...]
@@ -147,7 +148,7 @@ class CalibrationResult(PosesOutcome):
     @property
     def probability(self) -> float | None:
         """Probability that a right model gives a larger chi-square; ``None`` where a std was tuned to the model's residuals."""
-        return fitting.chance_of(self.chi_square, self.degrees_of_freedom, self.noise, self.repeated)
+        return chance_of(self.chi_square, self.degrees_of_freedom, self.noise, self.repeated)
 
     @property
     def verdict(self) -> Verdict:
@@ -319,13 +320,13 @@ def calibrate(
     fitted, held_findings = _hold_other_sources(model, only)
     readings, bases, problem = measured_problem(fitted, data, measurements, approach)
     tasks = design.task_poses(fitted, at, readings.q)
-    noise: dict[str, fitting.EstimatedStd] = {}
+    noise: dict[str, EstimatedStd] = {}
     if problem.unknown_deviations:
         readings, problem, (clean, fit, distances), noise = _with_std(problem, readings, has_prior=prior)
     else:
         clean, fit, distances = without_gross_errors(problem, readings, has_prior=prior)
     repeated = sum(labels.size - np.unique(labels).size for labels in clean.labels)
-    chance = fitting.chance_of(fit.chi_square, fit.degrees_of_freedom, noise, repeated)
+    chance = chance_of(fit.chi_square, fit.degrees_of_freedom, noise, repeated)
     residuals = problem.residuals(fit.z, fit.nuisances)
     groups = groups_of(readings, np.array(model.chain.prismatic))
     left_out = fitting.leave_out(clean, clean.throughs(fit.estimator, fit.local), fit.residuals, groups)
@@ -394,7 +395,7 @@ def calibrate(
             *(() if prior else design.rank_findings(identifiability)),
             *fitting.model_warnings(clean, fit, chance, has_prior=prior),
             *cause_warnings(causes, gains),
-            *fitting.std_warnings(noise),
+            *std_warnings(noise),
             *drift_warnings(readings.sessions),
             *improvement_warnings(improvement),
         ),
@@ -494,7 +495,7 @@ def _check_units(model: ErrorModel, data: CalibrationData) -> None:
         raise InputError.of("E_DATA", message, data.file or None)
 
 
-def _check_noise(problem: fitting.Problem, estimate: fitting.EstimatedStd, file: str) -> None:
+def _check_noise(problem: fitting.Problem, estimate: EstimatedStd, file: str) -> None:
     """Raise if the estimated std is so large that the readings cannot belong to this arm."""
     if estimate.std > _MAX_NOISE * problem.spread:
         message = (
@@ -510,12 +511,12 @@ CleanFit = tuple[fitting.Problem, fitting.Fit, dict[int, float]]
 
 def _with_std(
     problem: fitting.Problem, data: CalibrationData, *, has_prior: bool
-) -> tuple[CalibrationData, fitting.Problem, CleanFit, dict[str, fitting.EstimatedStd]]:
+) -> tuple[CalibrationData, fitting.Problem, CleanFit, dict[str, EstimatedStd]]:
     """Return data, problem, result of :func:`without_gross_errors`, and the estimated standard deviations."""
     kinds = problem.unknown_deviations
     clean, z, nuisances = problem.without(problem.consensus.gross), np.zeros(problem.unit.root.shape[1]), problem.start
     for _ in range(_STD_ROUNDS):
-        estimates = fitting.estimate_std(clean, z, nuisances, kinds, has_prior=has_prior)
+        estimates = estimate_std(clean, z, nuisances, kinds, has_prior=has_prior)
         factors = np.ones(problem.readings.shape)
         for name, (factor, _) in estimates.items():
             factors[kinds[name]] = factor

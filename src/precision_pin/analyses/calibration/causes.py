@@ -20,8 +20,9 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator
-from precision_pin.analyses.calibration.fit import LEVEL, Fit, Problem, leave_out
+from precision_pin.analyses.calibration.fit import Fit, Problem, leave_out
 from precision_pin.analyses.calibration.forecast import normal_interval
+from precision_pin.analyses.calibration.noise import LEVEL
 from precision_pin.analyses.number_law import tail
 from precision_pin.base.arrays import Array, Record
 from precision_pin.terms import at_means

@@ -25,6 +25,7 @@ import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
+from precision_pin.analyses.calibration.noise import LEVEL
 from precision_pin.analyses.number_law import tail
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding
@@ -36,8 +37,6 @@ FALSE_DRIFT: Final = 0.01
 """Probability that a drift is found where there is none."""
 _TOUCHED: Final = (1e-6, FALSE_DRIFT)
 """Probabilities of as much drift by all targets, at most, and without the one that moved by itself, at least."""
-LEVEL: Final = 0.95
-"""Probability of the intervals."""
 _UNSEEN: Final = 1e-9
 """Share of the largest information below which numbers tell nothing of the walk."""
 _RATES: Final = (1e-8, 1e12)

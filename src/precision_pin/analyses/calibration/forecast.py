@@ -19,7 +19,7 @@ from scipy import special
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration.design import Estimator, Identifiability, UnitNumbers, scope_covariances
-from precision_pin.analyses.calibration.fit import LEVEL
+from precision_pin.analyses.calibration.noise import LEVEL
 from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.readings import measurement_of, simulate_readings, stations_of, with_later_draws

@@ -18,7 +18,8 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.causes import Cause, Evidence, labelled
 from precision_pin.analyses.calibration.data import READ, CalibrationData
-from precision_pin.analyses.calibration.fit import LEVEL, LeftOut, leave_out
+from precision_pin.analyses.calibration.fit import LeftOut, leave_out
+from precision_pin.analyses.calibration.noise import LEVEL
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, some

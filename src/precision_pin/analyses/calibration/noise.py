@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from precision_pin.base.arrays import Array
 
+LEVEL: Final = 0.95
+"""Probability of the intervals, and of the ellipsoids that left-out readings should be within."""
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns in readings ``(P, m)``."""
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from precision_pin.analyses.calibration.calibrate import CalibrationResult
 from precision_pin.analyses.calibration.datum_plan import DatumPlan
 from precision_pin.analyses.calibration.design import Identifiability, SetUp, UnitNumbers, stations_of_data
-from precision_pin.analyses.calibration.fit import EstimatedStd
 from precision_pin.analyses.calibration.forecast import (
     ROBOTS,
     CalibrationForecast,
@@ -27,6 +26,7 @@ from precision_pin.analyses.calibration.gains import JOINTS_READ, CauseGain
 from precision_pin.analyses.calibration.instrument import fitted_covariance
 from precision_pin.analyses.calibration.plan import CalibrationPlan
 from precision_pin.analyses.calibration.population import FactoryCalibration, Population
+from precision_pin.analyses.calibration.std_estimate import EstimatedStd
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
