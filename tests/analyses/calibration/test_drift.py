@@ -129,6 +129,31 @@ def test_fixed_targets_have_the_std_of_their_rows(tmp_path):
     np.testing.assert_allclose(taken.left.std**2, np.diag(covariance)[:, None].repeat(3, axis=1), rtol=1e-9)
 
 
+def test_fixed_targets_far_from_a_tracker_have_its_std_there(tmp_path):
+    """A tracker at a known place in a free base, whose axes are turned by 90° about z."""
+    rows = session(3)[0]
+    turned = [[*row[:4], str(-float(row[5]) + 500), row[4], *row[6:]] for row in rows]
+    measurement = pp.Measurement(
+        std={"along": "15 um + 1e-9 um/m", "across": "15 um + 6 um/m"}, target=OFF_AXIS, base="free", stands_at=(6, 0, 0),
+        drift=DRIFT,
+    )  # fmt: skip
+    (taken,) = read_data(model(), written(tmp_path / "r.csv", turned), (measurement,)).sessions
+    fixed = [row for row in turned if row[8]]
+    points = np.array([row[4:7] for row in fixed], dtype=float) / 1e3
+    lines = points - [0.5, 6, 0]
+    distance = np.linalg.norm(lines, axis=1)
+    unit, across = lines / distance[:, None], (15e-6 + 6e-6 * distance) ** 2
+    along = unit[:, :, None] * unit[:, None]
+    covariances = across[:, None, None] * (np.eye(3) - along) + STD**2 * along
+    times = [np.array([float(row[7]) for row in turned if bool(row[8]) == is_fixed]) for is_fixed in (False, True)]
+    targets = np.array([int(row[8][-1]) for row in fixed])
+    expected = Session.of(
+        times[0], FixedReadings(times[1], targets, points, covariances), measurement.drift, is_free=True
+    )
+    # the nominal arm, of zeros within 1 mrad, tells the distance to millimetres
+    np.testing.assert_allclose(taken.left.std, expected.left.std, rtol=2e-3)
+
+
 def test_the_interval_of_one_target_read_twice_is_that_of_chi_square():
     """The squares of the three differences are chi-square of three degrees, times 1 + λ θ with λ = Δt/2σ²."""
     places, seconds = np.array([[0, 0, 0], [90e-6, -30e-6, 60e-6]]), np.array([0.0, 1800.0])

@@ -33,7 +33,7 @@ from precision_pin.base.arguments import check_numbers, check_path
 from precision_pin.base.arrays import Array, Record
 from precision_pin.base.errors import Finding, InputError, nearest, some
 from precision_pin.base.files import csv_text
-from precision_pin.base.se3 import log_rotation
+from precision_pin.base.se3 import log_rotation, nearest_rotation
 from precision_pin.model.error_model import ErrorModel
 from precision_pin.robot.chain import Chain, pose_findings
 from precision_pin.robot.configurations import ApproachedPose, joint_quantity
@@ -314,7 +314,9 @@ def _read_file(
     sessions = tuple[Session, ...]()
     if clock.is_needed:
         other = table if fixed_path is None else csv_columns.read(fixed_path, (_FIXED,), columns=names, may_miss=True)
-        times, fixed = clock.times(table), _fixed_readings(other, clock, targets[present[0]])
+        first = present[0]
+        origin = _instrument(model, targets[first][0], q[:, usable[first]], target_readings[first][usable[first], :3])
+        times, fixed = clock.times(table), _fixed_readings(other, clock, targets[first], origin)
         session = Session.of(times[reading_rows], fixed, drift, is_free=measurements[0].base == "free")
         readings[:, :3] -= session.left.mean
         sessions = (session,)
@@ -476,12 +478,33 @@ def _is_time(name: str) -> bool:
     return name.casefold() in csv_columns.TIMES
 
 
-def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target) -> FixedReadings:
-    """Return the readings of fixed targets, in the columns of a target; raise for one that is read once."""
+_POINTS: Final = ("position", "pose")
+"""Kinds of readings of a point."""
+
+
+def _instrument(model: ErrorModel, measurement: Measurement, q: Array, points: Array) -> Array | None:
+    """Return where the instrument stands in the axes of the points ``(N, 3)`` that it reads, m; ``None`` where none need know.
+
+    Its place in a free base is brought there by the nominal arm at joint values ``(n, N)``: for a distance that is enough.
+    """
+    is_known = measurement.base == "known" or measurement.kind not in _POINTS or not len(points)
+    if measurement.sight is None or measurement.station is None or is_known:
+        return None
+    poses = model.chain.with_target(measurement.target).at_columns(np.ascontiguousarray(q)).pose
+    centre, nominal = points.mean(axis=0), poses[:3, 3].mean(axis=1)
+    rotation = nearest_rotation((points - centre).T @ (poses[:3, 3].T - nominal))
+    return np.asarray(centre + rotation @ (np.array(measurement.station) - nominal))
+
+
+def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target, origin: Array | None) -> FixedReadings:
+    """Return the readings of fixed targets, in the columns of a target; raise for one that is read once.
+
+    ``origin`` is that of :func:`_instrument`.
+    """
     measurement, columns = target
     labels = np.array(table.texts.get(_FIXED, ("",) * len(table.rows)))
     rows = np.flatnonzero(labels != "")
-    if rows.size and measurement.kind not in ("position", "pose"):
+    if rows.size and measurement.kind not in _POINTS:
         raise _error(table.file, f"fixed targets are read as positions or poses, not as a {measurement.kind}", 1)
     if rows.size and not measurement.std_known:
         raise _error(table.file, "fixed targets need the std of the instrument, not std: estimate", 1)
@@ -504,6 +527,8 @@ def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target)
     std, stds = _column(table, "std", units.LENGTH), _axis_stds(table, columns[:3])
     stds = np.repeat(std[:, None], 3, axis=1) if std.size else stds
     covariances = measurement.point_covariances(points[rows])
+    if measurement.sight is not None and origin is not None:
+        covariances = measurement.sight.covariance(origin, points[rows])
     if stds.size:
         covariances = np.where(np.isnan(stds), measurement.std, stds)[rows, :, None] ** 2 * np.eye(3)
     return FixedReadings(clock.times(table)[rows], numbers, points[rows], covariances, tuple(names.tolist()))
@@ -609,9 +634,7 @@ def _dependence_findings(
 ) -> Iterator[Finding]:
     """Yield warnings about targets that are copies of each other, which are omitted, or that keep their distances."""
     pairs = [
-        (i, j)
-        for i, j in combinations(range(len(targets)), 2)
-        if targets[i][0].kind == targets[j][0].kind in ("position", "pose")
+        (i, j) for i, j in combinations(range(len(targets)), 2) if targets[i][0].kind == targets[j][0].kind in _POINTS
     ]
     for i, j in pairs:
         shared = usable[i] & usable[j]
