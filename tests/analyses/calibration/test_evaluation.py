@@ -1,5 +1,6 @@
 """Readings of many poses at once, against one pose at a time."""
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from precision_pin.analyses.calibration.evaluation import predict_many
 from precision_pin.analyses.calibration.fit import Descent, Problem, _suspect_joint
 from precision_pin.analyses.calibration.noise import solve_lower
 from precision_pin.base import se3
-from precision_pin.model.pose_model import AT_ONCE, Tables, of_one_layout
+from precision_pin.model.pose_model import AT_ONCE, PoseModel, Tables, of_one_layout
 
 SOCKETS = ((0.3, 0.1, 0.2), (0.1, -0.3, 0.4))
 PLACES = {
@@ -132,6 +133,18 @@ def test_combinations_without_a_prior_are_those_of_the_whole_matrix():
     expected = rows[: int((values > 1).sum())]
     assert estimator.basis.shape == (4, 3)
     check_close(estimator.basis @ estimator.basis.T, expected.T @ expected)
+
+
+def test_models_of_poses_do_not_stay_in_memory():
+    def alive():
+        return sum(isinstance(one, PoseModel) for one in gc.get_objects())
+
+    model, q = plain_model(), random_poses(4, 40, 5)
+    data, before = read_data(model, (q, readings_of(model, q, FREE)), (FREE,)), alive()
+    problem = Problem.of(model, data)[0]
+    Descent(problem, has_prior=True).fit()
+    assert alive() <= before
+    assert sum(1 for _ in problem.each_station()) == len(problem.stations) == 40
 
 
 def test_attitudes_alike_are_named_where_the_target_is_unknown():
