@@ -204,6 +204,20 @@ def test_an_arm_read_before_it_settled_is_named_with_the_gain_of_a_refit():
 
 
 @pytest.mark.slow
+def test_readings_without_weight_that_a_cause_explains_are_counted():
+    """After long steps a joint is late by more than a gross error; one reading is off by 5 mm besides."""
+    model, rng = offsets(pp.Normal(1e-3)), np.random.default_rng(3)
+    q = rng.uniform(-2.2, 2.2, (4, 40)) * np.where(rng.random(40) < 0.8, 0.2, 1.0)
+    late = np.array([0, 2e-4, 0, 0])[:, None] * np.diff(q, axis=1, prepend=q[:, :1])
+    readings = readings_of(model, q - late, TRACKER, seed=3)
+    for off, said in ((0.0, "explains 2 of 2 readings without"), (5e-3, "explains 2 of 3 readings without")):
+        readings[7, 0] += off
+        found = pp.calibrate(model, (q, readings), TRACKER)
+        assert (found.causes[0].kind, 7 in {error.reading for error in found.gross_errors}) == ("settling", off > 0)
+        assert said in next(one.message for one in found.findings if one.code == "W_CAUSE")
+
+
+@pytest.mark.slow
 def test_backlash_by_approach_is_fitted_in_the_order_of_rows():
     """Joints that lag by half their gap behind their last motion: the gap is found, and nothing else is missing."""
     gap, q = 1.5e-4, random_poses(4, 20)

@@ -16,7 +16,7 @@ from scipy import sparse, spatial, stats
 
 from precision_pin.analyses.calibration import design
 from precision_pin.analyses.calibration import fit as fitting
-from precision_pin.analyses.calibration.causes import Cause, Evidence, find_causes
+from precision_pin.analyses.calibration.causes import Cause, Evidence, explained, find_causes
 from precision_pin.analyses.calibration.data import CalibrationData, approached, check_data, read_data
 from precision_pin.analyses.calibration.drift import drift_warnings
 from precision_pin.analyses.calibration.forecast import (
@@ -342,7 +342,10 @@ def calibrate(
     del plain_slopes  # as large as the fit
     design.check_identifiable(identifiability)
     evidence = Evidence.of(clean, fit, readings, None if chance is None else std_free)
-    causes, gains = find_causes(evidence, groups), find_gains(evidence, readings, groups)
+    causes, gains, without_weight = find_causes(evidence, groups), find_gains(evidence, readings, groups), ""
+    if causes and distances:
+        rows = explained(evidence, problem, readings, sorted(distances))
+        without_weight = f"; it explains {len(rows)} of {len(distances)} readings without weight" * bool(rows)
     mean, covariance = unit.values(fit.z), unit.root @ estimator.covariance @ unit.root.T
     is_mixed = np.diag(identifiability.set_up_projector) > design.NEGLIGIBLE
     set_up_covariance = estimator.joint_covariance[fit.z.size :, fit.z.size :].copy()
@@ -394,7 +397,7 @@ def calibrate(
             *design.identifiability_warnings(identifiability),
             *(() if prior else design.rank_findings(identifiability)),
             *fitting.model_warnings(clean, fit, chance, has_prior=prior),
-            *cause_warnings(causes, gains),
+            *cause_warnings(causes, gains, without_weight),
             *std_warnings(noise),
             *drift_warnings(readings.sessions),
             *improvement_warnings(improvement),

@@ -20,7 +20,7 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator
-from precision_pin.analyses.calibration.fit import Fit, Problem, leave_out
+from precision_pin.analyses.calibration.fit import GROSS, Fit, Problem, leave_out
 from precision_pin.analyses.calibration.forecast import normal_interval
 from precision_pin.analyses.calibration.noise import LEVEL
 from precision_pin.analyses.number_law import tail
@@ -262,6 +262,24 @@ class Evidence:
         owners = np.array([self.labels[k][1] for k in candidate.columns])
         joint = max(owners.tolist(), key=lambda name: float(np.linalg.norm(candidate.mean[owners == name])))
         return self.labels[candidate.columns[0]][0], joint, np.unique(owners).size > 1
+
+
+def explained(evidence: Evidence, problem: Problem, data: CalibrationData, gross: Sequence[int]) -> list[int]:
+    """Return which of readings without weight the likeliest cause explains: beside it they are no gross errors.
+
+    ``problem`` has all readings. The fit of the others follows the cause too, first order.
+    """
+    fit, candidate = evidence.fit, evidence.likely[0]
+    alone = problem.without(np.setdiff1d(np.arange(len(data)), gross).tolist())
+    of_fit = evidence.columns[:, candidate.columns] @ candidate.mean
+    z = fit.local.inverse @ (fit.local.left.T @ of_fit)
+    nuisances = fit.local.nuisances(of_fit - fit.local.by_z @ z)
+    by_z, by_nuisance = alone.slopes(fit.z, fit.nuisances)
+    by_z = by_z[:, [name not in fit.at_bounds for name in problem.unit.names]] if fit.at_bounds else by_z
+    effect = columns_of(alone, data, fit.z, fit.nuisances)[0][:, candidate.columns] @ candidate.mean
+    white = alone.whiten(alone.residuals(fit.z, fit.nuisances)) - effect + by_z @ z + by_nuisance @ nuisances
+    squares = np.bincount(np.concatenate([rows for rows, _ in alone.places]), white**2, len(data))
+    return [row for row in gross if squares[row] <= stats.chi2.isf(GROSS / len(data), problem.sizes[row])]
 
 
 def find_causes(evidence: Evidence, groups: NDArray[np.intp]) -> list[Cause]:

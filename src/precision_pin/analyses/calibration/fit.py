@@ -51,7 +51,7 @@ _HALVINGS: Final = 30
 """Halvings of a step, down to 2e-9 of it."""
 _TRIED_STEPS: Final = 8
 """Steps of a fit that only searches for unexplained readings."""
-_GROSS: Final = 1e-3
+GROSS: Final = 1e-3
 """Probability that any correct reading of a set is classified as a gross error."""
 _MOST_LEFT_OUT: Final = 0.4
 """Fraction of readings that the search for a consensus may omit."""
@@ -322,7 +322,7 @@ class Problem:
             deviations = self.reading_deviations(fit)[left_out]
             scaled = self.residuals(fit.z, fit.nuisances)[left_out] / np.where(deviations > 0, deviations, 1.0)
             distance[left_out] = (scaled**2).sum(axis=1)
-        limit, middle = stats.chi2.isf(_GROSS / len(distance), self.sizes), stats.chi2.median(self.sizes)
+        limit, middle = stats.chi2.isf(GROSS / len(distance), self.sizes), stats.chi2.median(self.sizes)
         return distance, distance / limit / max(1.0, float(np.median(np.delete(distance / middle, left_out))))
 
     def reading_deviations(self, fit: Fit) -> Array:

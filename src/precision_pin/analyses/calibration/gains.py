@@ -122,8 +122,11 @@ def _compared(
     return b, a, gain_interval(squares[0], squares[1], weights, trials, lengths)[0]
 
 
-def cause_warnings(causes: Sequence[Cause], gains: Sequence[CauseGain]) -> Iterator[Finding]:
-    """Yield a warning that names the likeliest causes, and one where joint values as read explain more."""
+def cause_warnings(causes: Sequence[Cause], gains: Sequence[CauseGain], without_weight: str) -> Iterator[Finding]:
+    """Yield a warning that names the likeliest causes, and one where joint values as read explain more.
+
+    ``without_weight`` says which readings without weight the likeliest explains.
+    """
     of_kinds = {entry.kind: entry for entry in gains}
     if causes:
         alternatives = f"; as well explained by: {some([*map(str, causes[1:])], 3, '; ')}" * bool(causes[1:])
@@ -133,7 +136,8 @@ def cause_warnings(causes: Sequence[Cause], gains: Sequence[CauseGain]) -> Itera
         )
         message = (
             f"readings show an error that the sheet lacks, most likely {causes[0]}, by which readings left out are "
-            f"{1e3 * causes[0].left_out:.3g} mm rms off{gain}{alternatives}; add its source, or measure where these differ"
+            f"{1e3 * causes[0].left_out:.3g} mm rms off{gain}{without_weight}{alternatives}; add its source, or measure where "
+            "these differ"
         )
         yield Finding("warning", "W_CAUSE", message)
     read = of_kinds.get(JOINTS_READ)
