@@ -472,6 +472,25 @@ class Measurement:
         """Whether the first six nuisance parameters displace the base."""
         return self.base == "free" and self.place is None
 
+    @property
+    def sees_apart(self) -> bool:
+        """Whether its base or target is found with the arm, so that what it sees errs less than the tip in base axes."""
+        return self.displaces_base or not self.target_known
+
+    def view_slopes(self, pose: Array, error: Array, nuisances: Array) -> tuple[Array, Array]:
+        """Return how what it sees follows the tip's error ``(6, 6)`` and the nuisances ``(6, k)``, as :meth:`slopes`.
+
+        Seen is the target, if it is not known, else the tip, in axes that a free base shares.
+        """
+        if self.place is not None:
+            return np.eye(6), np.zeros((6, 0))
+        point = (0.0, 0.0, 0.0) if self.target_known else self.target
+        whole = Measurement("pose", base=self.base, target=point, target_known=self.target_known)
+        values = np.zeros(len(whole.nuisances))
+        values[: nuisances.size] = nuisances
+        slopes = whole.slopes(pose, error, values)
+        return slopes.error, slopes.nuisances[:, : nuisances.size]
+
     def predict(self, pose: Array, errors: Array, nuisances: Array) -> Array:
         """Return readings ``(m, N)``; for a pose, its position and its rotation from the nominal orientation.
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from analyses.calibration.arms import plain_model, random_poses, readings_of
+from analyses.calibration.arms import offsets, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.calibrated_sheet import (
     MOST_POSES,
     calibrated_sheet,
@@ -18,10 +18,12 @@ from precision_pin.analyses.calibration.calibrated_sheet import (
 )
 from precision_pin.analyses.calibration.datum_plan import plan_datum
 from precision_pin.analyses.calibration.table import frame_lines
+from precision_pin.base import se3
 from precision_pin.robot.examples import PAPER_SHEET
 from precision_pin.writers.as_built import AsBuilt
 
 TRACKER = pp.Measurement("position", std="20 um")
+FREE = replace(TRACKER, base="free", target_known=False)
 ARM = """precision-pin: 1
 robot: {robot}
 tip: tool
@@ -99,6 +101,27 @@ def test_errors_in_the_frame_of_the_readings_are_those_seen(sheet, count):
     worst = max(result.poses, key=lambda entry: entry.quantile("after"))
     assert f"{1e3 * worst.quantile('after'):.2g}"[:4] in line
     assert f"{1e3 * worst.quantile('seen'):.2g}"[:4] in line
+
+
+def test_what_is_seen_of_an_unknown_target_is_what_a_reading_there_would_be_off():
+    """Beside the instrument; and of robots with the truth, in axes of the instrument. The flange is far less known."""
+    model, q, squares = offsets(pp.Normal(1e-3)), random_poses(4, 25), []
+    far = replace(FREE, target=(0.2, 0.03, 0.1))
+    for seed in range(40):
+        fit = pp.calibrate(
+            model, (q, readings_of(model, q, far, seed)), replace(far, target=(0.19, 0.04, 0.1)), at=q[:, :3]
+        )
+        robot = model.space.sample(seed, 0, 1)
+        for at, entry in zip(model.at_columns(q[:, :3]), fit.poses, strict=True):
+            real = se3.displaced(at.posture.pose, at.exact(robot)[:, 0])
+            found = fit.set_up.base @ fit.predict(at.posture.q)
+            off = (found @ [*fit.set_up.target, 1] - real @ [*far.target, 1])[:3]
+            squares.append(off @ np.linalg.solve(entry.covariance_seen[:3, :3], off))
+    stds = np.array([np.diag(entry.covariance_seen)[:3] for entry in fit.poses])
+    np.testing.assert_allclose(stds, fit.std_predicted[:3] ** 2 - far.std**2, rtol=1e-6)
+    assert all(entry.rms("after") > 3 * entry.rms("seen") for entry in fit.poses)
+    # 40 independent means of three: chi-square of three each, with a standard deviation of at most 0.39
+    assert np.mean(squares) == pytest.approx(3, abs=1.2)
 
 
 @pytest.mark.parametrize("known", [True, False])

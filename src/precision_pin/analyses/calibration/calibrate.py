@@ -95,7 +95,8 @@ class CalibrationResult(PosesOutcome):
         noise, repeated: Standard deviations that were estimated, by name, and the numbers read again at a pose.
         gross_errors, at_bounds: Readings that were given no weight, and numbers estimated at a bound of their law.
         original, model: The model before, and the arm that is left: means moved, remaining uncertainty correlated.
-        fitted, estimator: The model whose numbers were estimated, and the linear estimate of these.
+        fitted, estimator, nuisances: The model whose numbers were estimated, the linear estimate of these, and the set-up, from a
+            first guess of the base.
         data, steps: The readings as given, and Gauss-Newton steps.
     """
 
@@ -132,6 +133,7 @@ class CalibrationResult(PosesOutcome):
     model: ErrorModel
     fitted: ErrorModel
     estimator: design.Estimator
+    nuisances: Array
     data: CalibrationData
     steps: int
 
@@ -381,11 +383,13 @@ def calibrate(
         gross_errors=gross,
         at_bounds=fit.at_bounds,
         poses=errors_left(
-            tasks, unit, estimator, any(part.displaces_base for part in readings.measurements), fitted.space
+            *(tasks, unit, estimator, readings.measurements[0], fitted.space),
+            fitted=(unit.components(fitted.space, fit.z[:, None])[:, 0], fit.nuisances),
         ),
         original=model,
         fitted=fitted,
         estimator=estimator,
+        nuisances=fit.nuisances,
         model=model.calibrated(Estimates(unit.names, mean, covariance)).against(*datums),
         data=readings,
         steps=fit.steps,

@@ -332,7 +332,7 @@ def _readings(result: CalibrationResult) -> list[Child]:
 
 def _poses(result: CalibrationResult) -> list[Child]:
     rows = text.pose_rows(result)
-    notes = [*text.poses_with_less(result), text.explanation(result), *[text.SEEN] * result.measurement.displaces_base]
+    notes = [*text.poses_with_less(result), text.explanation(result), *text.seen_lines(result.measurement)]
     return [
         table("Position error of the tip, before and after, mm", rows[0], rows[1:]),
         paragraph(f"{'; '.join(notes)}.", class_="note"),

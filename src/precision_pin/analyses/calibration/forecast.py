@@ -24,7 +24,6 @@ from precision_pin.analyses.number_law import NormalNorm
 from precision_pin.analyses.provenance import Provenance
 from precision_pin.analyses.readings import measurement_of, simulate_readings, stations_of, with_later_draws
 from precision_pin.analyses.result import Outcome
-from precision_pin.base import se3
 from precision_pin.base.arguments import check_items, check_name, check_whole
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
@@ -35,7 +34,7 @@ from precision_pin.draws.laws import Law
 from precision_pin.draws.laws.projection import Projection
 from precision_pin.draws.space import Estimates, Space
 from precision_pin.model.error_model import ErrorModel
-from precision_pin.model.pose_model import PoseModel, tangents
+from precision_pin.model.pose_model import PoseModel, Tables, of_one_layout
 from precision_pin.render.html import preformatted
 from precision_pin.robot.chain import Chain
 from precision_pin.robot.pose_grids import random_poses
@@ -98,7 +97,7 @@ class ErrorLeft(Record):
         name, q, sliding_joints: The pose, and the sliding joints, whose values are in m.
         before: Mean ``(6,)`` of the error before the calibration.
         covariance_before, covariance_after, covariance_seen: ``(6, 6)``; after it the error is that from the calibrated
-            arm's own pose, of mean zero; seen in the instrument's axes, which a free base shares.
+            arm's own pose, of mean zero; seen: as of :meth:`Measurement.view_slopes`.
         floor: ``(6, 6)``, the part of pose- and visit-scope numbers, which no calibration removes.
         sampled: If a law is not normal: sorted sizes |d| and |δ| ``(2, N)`` of sampled robots' errors ``before``,
             ``after``, ``seen`` and ``floor``, to first order.
@@ -223,13 +222,18 @@ class SampledRobots(NamedTuple):
         return cls(deviations, z, through @ z + (vectors * np.sqrt(np.maximum(values, 0.0))) @ noise)
 
     def sizes(
-        self, error: Array, jacobian: Array, unit: UnitNumbers, slopes: Array, by_both: Array
+        self, error: Array, jacobian: Array, unit: UnitNumbers, slopes: Array, later: tuple[Array, Array, Array]
     ) -> dict[str, Array]:
-        """Return ``sampled`` of :class:`ErrorLeft`, given the derivatives by all numbers, by z, and by z and the nuisances."""
+        """Return ``sampled`` of :class:`ErrorLeft`, given the derivatives by all numbers and by z.
+
+        ``later`` are those after it: of the error by z, and of what is seen by the error, and by z and the nuisances.
+        """
         repeated = np.delete(np.arange(len(self.deviations)), unit.columns)
         floor = jacobian[:, repeated] @ self.deviations[repeated]
         before = error[:, None] + slopes @ self.z + floor
-        after, seen = (derivatives @ self.errors[: derivatives.shape[1]] + floor for derivatives in (slopes, by_both))
+        by_z, by_error, by_both = later
+        after = by_z @ self.errors[: by_z.shape[1]] + floor
+        seen = by_both @ self.errors[: by_both.shape[1]] + by_error @ floor
         errors = np.array([before, after, seen, floor]).reshape(4, 2, 3, -1)
         return dict(zip(ERRORS, np.sort(np.sqrt((errors**2).sum(axis=2)), axis=2), strict=True))
 
@@ -238,37 +242,41 @@ def errors_left(
     tasks: Iterable[tuple[str, PoseModel]],
     unit: UnitNumbers,
     estimator: Estimator,
-    displaces_base: bool,
+    measurement: Measurement,
     space: Space,
     *,
+    fitted: tuple[Array, Array] | None = None,
     is_sampled: bool = True,
 ) -> tuple[ErrorLeft, ...]:
-    """Return the error at each named pose before and after; the first six nuisances may displace the base.
+    """Return the error at each named pose before and after; the first nuisances are those of the measurement.
 
-    Errors that are not normal are sampled, or else taken as normal.
+    ``fitted`` are components ``(d,)`` and nuisances of the estimate (default: as in the sheet). Errors that are not normal are
+    sampled, or else taken as normal.
     """
     robots, entries, named = SampledRobots.of(space, unit, estimator) if is_sampled else None, [], list(tasks)
+    x, nuisances = (space.mean, np.zeros(len(measurement.nuisances))) if fitted is None else fitted
+    nuisances = nuisances[: len(measurement.nuisances)]
 
-    def at_means() -> Iterator[tuple[Array, Array, Array]]:
-        for chunk in tangents([at for _, at in named]):
-            jacobians = np.ascontiguousarray(np.moveaxis(chunk.jacobian, -1, 0))
+    def tangents_of_poses() -> Iterator[tuple[Array, Array, Array, Array, Array]]:
+        for chunk in of_one_layout(at for _, at in named):
+            tables = Tables.of(chunk)
+            means, estimate = tables.tangent(space.mean), tables.tangent(x)
+            jacobians, others = (np.ascontiguousarray(np.moveaxis(of.jacobian, -1, 0)) for of in (means, estimate))
             repeats = scope_covariances(space, Scope.POSE, jacobians) + scope_covariances(space, Scope.VISIT, jacobians)
-            yield from zip(chunk.error.T, jacobians, repeats, strict=True)
+            yield from zip(means.error.T, jacobians, repeats, estimate.error.T, others, strict=True)
 
-    for (name, at), (error, jacobian, floor) in zip(named, at_means(), strict=True):
+    for (name, at), (mean, jacobian, floor, error, tangent) in zip(named, tangents_of_poses(), strict=True):
         slopes, chain = jacobian[:, unit.columns] @ unit.root, at.posture.chain
-        after = slopes @ estimator.covariance @ slopes.T + floor
-        seen, by_both = after, slopes
-        if displaces_base:
-            base = np.eye(6)
-            base[:3, 3:] = -se3.skew(at.posture.pose[:3, 3] + error[:3])
-            by_both = np.hstack([slopes, base])
-            rows = by_both.shape[1]
-            seen = by_both @ estimator.joint_covariance[:rows, :rows] @ by_both.T + floor
+        by_z = tangent[:, unit.columns] @ unit.root
+        after = by_z @ estimator.covariance @ by_z.T + floor
+        by_error, by_nuisance = measurement.view_slopes(at.posture.pose, error, nuisances)
+        by_both = np.hstack([by_error @ by_z, by_nuisance])
+        rows = by_both.shape[1]
+        seen = by_both @ estimator.joint_covariance[:rows, :rows] @ by_both.T + by_error @ floor @ by_error.T
         q = dict(zip(chain.joint_names, map(float, at.posture.q), strict=True))
         sliding = tuple(compress(chain.joint_names, chain.prismatic))
-        sampled = {} if robots is None else robots.sizes(error, jacobian, unit, slopes, by_both)
-        before, covariance_before = error.copy(), slopes @ slopes.T + floor
+        sampled = {} if robots is None else robots.sizes(mean, jacobian, unit, slopes, (by_z, by_error, by_both))
+        before, covariance_before = mean.copy(), slopes @ slopes.T + floor
         entries.append(ErrorLeft(name, q, sliding, before, covariance_before, after, seen, floor, sampled))
     return tuple(entries)
 
@@ -521,7 +529,7 @@ def forecast_calibration(
     ahead, rows = design.stack_at_means(stations, unit, measurement), np.arange(values.shape[1])
     estimator = Estimator.of(*ahead.taken(rows), has_prior=True)
     tasks = design.task_poses(model, at, values)
-    entries = errors_left(tasks, unit, estimator, measurement.displaces_base, model.space)
+    entries = errors_left(tasks, unit, estimator, measurement, model.space)
     identifiability = design.determined_by(stations, unit, measurement)
     slopes = np.concatenate([pose_model.jacobian[:3][:, unit.columns] @ unit.root for _, pose_model in tasks])
     nominal = np.array([station.at.posture.pose for station in stations])

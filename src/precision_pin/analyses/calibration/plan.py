@@ -510,7 +510,7 @@ def plan_calibration(
         efficiency=efficiency,
         random_efficiency=design.efficiency(float(np.median(random)), bound),
         identifiability=identifiability,
-        poses=errors_left(tasks, unit, estimator, measurement.displaces_base, model.space),
+        poses=errors_left(tasks, unit, estimator, measurement, model.space),
         findings=(
             *findings,
             *notes,

@@ -34,7 +34,7 @@ class RemainingError:
     Attributes:
         poses: P poses.
         found: What the calibration found the nominal tip to be off by, so what compensation takes away, ``(3, P)``.
-        rms, quantile: Of |d| that is left, rms and 95 %, ``(P,)``; with a free base in the frame of the readings.
+        rms, quantile: Of |d| that is left, rms and 95 %, ``(P,)``; as the instrument sees it.
         read, left_out: Tip at the poses of the R readings with weight, and the position's error when each is left out of the
             fit, ``(3, R)``; no errors where readings are not places.
     """
@@ -53,10 +53,15 @@ class RemainingError:
         if not known.size:
             raise InputError("no place of the grid can be reached")
         q, model, data = np.ascontiguousarray(poses.q[:, known]), result.fitted, result.data
-        displaces_base = any(part.displaces_base for part in data.measurements)
         unit, tasks = UnitNumbers.of(model.space), [("", at) for at in model.at_columns(q)]
-        entries = errors_left(tasks, unit, result.estimator, displaces_base, model.space, is_sampled=False)
-        which = "seen" if displaces_base else "after"
+        fitted = model.space.mean.copy()
+        fitted[unit.columns] = list(result.posterior.mean.values())
+        entries = errors_left(
+            *(tasks, unit, result.estimator, result.measurement, model.space),
+            fitted=(fitted, result.nuisances),
+            is_sampled=False,
+        )
+        which = "seen" if result.measurement.sees_apart else "after"
         found, (rms, quantile) = np.full((3, len(poses)), np.nan), np.full((2, len(poses)), np.nan)
         x = result.components[:, None]
         found[:, known] = np.array([at.exact(x)[:3, 0] for at in result.original.at_columns(q)]).T

@@ -53,7 +53,6 @@ VERDICTS: Final = {
     "better than stated": "the readings fit better than their standard deviations say",
     "not tested": "whether the model explains the readings is not tested",
 }
-SEEN: Final = "seen: the error after, in the instrument's axes; the base is found with the arm"
 _POSES: Final = 12
 """Maximum number of poses in the table, those with the largest error left."""
 _NAME: Final = 44
@@ -241,7 +240,9 @@ def headline(result: CalibrationResult) -> list[str]:
 
 def page_headline(result: CalibrationResult) -> tuple[str, str]:
     """Return the answer of a page with a calibration, the error after it, and a line that names the page's own answer."""
-    before, after = (milli(result.rms_position[which], 3) for which in ("before", "after"))
+    before, after, seen = (milli(result.rms_position[which], 3) for which in ("before", "after", "seen"))
+    if result.measurement.sees_apart:
+        after = f"{seen} mm rms as the instrument sees it, in base axes {after}"
     answer = f"After calibration: position error {after} mm rms at {_where(result)}; {before} mm before"
     own = "Before calibration, robots of the sheet (after it: the sheet of calibrate --sheet with --datum compensated):"
     return f"{answer}; {verdict_text(result)}", own
@@ -346,12 +347,28 @@ def interval_text(entry: CauseGain) -> str:
 
 
 def frame_lines(result: CalibrationResult) -> list[str]:
-    """Return a line with the error left in both frames, at the pose with the largest; none if the base is known."""
-    if not any(part.displaces_base for part in result.data.measurements):
+    """Return a line with the error left in both frames, at the pose with the largest; none if base and target are known."""
+    if not result.measurement.sees_apart:
         return []
     worst = max(result.poses, key=lambda entry: entry.quantile("after"))
     base, frame = (milli(worst.quantile(which), 3) for which in ("after", "seen"))
-    return [f"95 % of |d| left at {shown(worst.name)}: {base} mm in base axes, {frame} mm in the frame of the readings"]
+    target = "" if result.measurement.target_known else " of the target"
+    return [
+        f"95 % of |d| left at {shown(worst.name)}: {base} mm in base axes, {frame} mm{target} in the frame of the readings"
+    ]
+
+
+def seen_lines(measurement: Measurement) -> list[str]:
+    """Return a line on the column ``seen``; none if base and target are known."""
+    found = [
+        name
+        for name, is_found in (("base", measurement.displaces_base), ("target", not measurement.target_known))
+        if is_found
+    ]
+    point = "" if measurement.target_known else " of the target"
+    verb = "is" if len(found) == 1 else "are"
+    line = f"seen: the error after,{point} in the instrument's axes; {' and '.join(found)} {verb} found with the arm"
+    return [line] if found else []
 
 
 def measured_text(result: CalibrationResult) -> str:
@@ -393,7 +410,7 @@ def _spaced(rows: Sequence[Sequence[str]]) -> list[list[str]]:
 
 def pose_rows(result: PosesOutcome) -> list[list[str]]:
     """Return a header and a row for each of the user's poses, mm; where there are many the twelve with most left, worst first."""
-    columns, entries = ["before", "after", *["seen"] * result.measurement.displaces_base], list(result.poses)
+    columns, entries = ["before", "after", *["seen"] * result.measurement.sees_apart], list(result.poses)
     if len(entries) > _POSES:
         entries = sorted(entries, key=lambda entry: -entry.rms("after"))[: limited(_POSES)]
     rows = [["pose, mm", *(f"{error} {statistic}" for error in columns for statistic in ("rms", "95 %")), "floor rms"]]
@@ -420,7 +437,7 @@ def poses_with_less(result: PosesOutcome) -> list[str]:
 
 
 def _poses(result: PosesOutcome) -> list[str]:
-    return [*aligned(_spaced(pose_rows(result))), *poses_with_less(result), *[SEEN] * result.measurement.displaces_base]
+    return [*aligned(_spaced(pose_rows(result))), *poses_with_less(result), *seen_lines(result.measurement)]
 
 
 def _learned(posterior: Posterior) -> list[str]:
