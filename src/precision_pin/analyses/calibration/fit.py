@@ -218,6 +218,7 @@ class Problem:
 
     def without(self, rows: Collection[int]) -> Problem:
         """Return the problem without some readings, which keep their places in the arrays."""
+        rows = set(rows)
         reduced = (tuple(row for row in of_station if row not in rows) for of_station in self.stations)
         return replace(self, stations=tuple(of_station for of_station in reduced if of_station))
 

@@ -21,6 +21,8 @@ from precision_pin.robot.pose_set import PoseSet
 
 _HEIGHT: Final = 80.0
 """Height of the axes, mm."""
+_MOST_ARROWS: Final = 100
+"""Arrows of readings; more of these would hide the map."""
 _MANY: Final = 150
 """Places from which not each has an arrow."""
 _ARROW: Final = 0.12
@@ -118,11 +120,15 @@ def remaining_figure(result: CalibrationResult, left: RemainingError) -> Figure:
             ranks = [np.unique(row.round(6), return_inverse=True)[1] for row in layout.places]
             spaced = np.flatnonzero(np.all([rank % (1 + (nodes.size > _MANY)) == 0 for rank in ranks], axis=0))
             _arrows(both[0], layout.places[:, spaced], layout.axes @ left.found[:, nodes[spaced]], BLACK)
-            read = layout.axes @ left.read
-            both[1].plot(*1e3 * read, "+", color=VERMILION, markersize=4, label="poses that were read, projected")
-            longest = _arrows(both[1], read[:, : left.left_out.shape[1]], layout.axes @ left.left_out, VERMILION)
+            read, errors = layout.axes @ left.read, layout.axes @ left.left_out
+            are_many = read.shape[1] > _MOST_ARROWS
+            mark, size = (".", 2) if are_many else ("+", 4)
+            both[1].plot(*1e3 * read, mark, color=VERMILION, markersize=size, label="poses that were read, projected")
+            drawn = np.sort(np.argsort(-np.linalg.norm(errors, axis=0), kind="stable")[:_MOST_ARROWS])
+            longest = _arrows(both[1], read[:, drawn], errors[:, drawn], VERMILION)
             if longest:
-                note = f"; arrows: readings less predictions of fits without them, the longest {milli(longest, 3)} mm"
+                which = f"the {_MOST_ARROWS} largest of " * are_many
+                note = f"; arrows: {which}readings less predictions of fits without them, the longest {milli(longest, 3)} mm"
         robot = visible(result.provenance.robot, 60)
         caption = f"first order, normal; {left}{note}"
         figure_style.frame(chart, both.tolist(), f"{robot} before and after its calibration", caption, _HEIGHT, 2)
