@@ -439,9 +439,13 @@ class Measurement:
             result[:3, :3] = self.sight.covariance(np.array(self.station), self._nominal(pose)[None])[0]
         return result
 
-    def point_covariances(self, points: Array) -> Array:
-        """Return the covariances ``(N, 3, 3)`` of points ``(N, 3)`` that the instrument reads, in the axes of its readings, m."""
-        origin = self.station if self.base == "known" else None if self.station else (0.0, 0.0, 0.0)
+    def point_covariances(self, points: Array, origin: Array | tuple[float, float, float] | None = None) -> Array:
+        """Return the covariances ``(N, 3, 3)`` of points ``(N, 3)`` that the instrument reads, in the axes of its readings, m.
+
+        It stands at ``origin`` in these axes, ``(3,)``, m (default: as far as they tell).
+        """
+        if origin is None:
+            origin = self.station if self.base == "known" else None if self.station else (0.0, 0.0, 0.0)
         if self.sight is None or origin is None:
             return np.tile(self.std**2 * np.eye(3), (len(points), 1, 1))
         return self.sight.covariance(np.array(origin), points)
@@ -482,14 +486,17 @@ class Measurement:
 
         Seen is the target, if it is not known, else the tip, in axes that a free base shares.
         """
-        if self.place is not None:
+        if self.place is not None or not self.sees_apart:
             return np.eye(6), np.zeros((6, 0))
-        point = (0.0, 0.0, 0.0) if self.target_known else self.target
-        whole = Measurement("pose", base=self.base, target=point, target_known=self.target_known)
-        values = np.zeros(len(whole.nuisances))
+        values = np.zeros(len(self._view.nuisances))
         values[: nuisances.size] = nuisances
-        slopes = whole.slopes(pose, error, values)
+        slopes = self._view.slopes(pose, error, values)
         return slopes.error, slopes.nuisances[:, : nuisances.size]
+
+    @cached_property
+    def _view(self) -> Measurement:
+        point = (0.0, 0.0, 0.0) if self.target_known else self.target
+        return Measurement("pose", base=self.base, target=point, target_known=self.target_known)
 
     def predict(self, pose: Array, errors: Array, nuisances: Array) -> Array:
         """Return readings ``(m, N)``; for a pose, its position and its rotation from the nominal orientation.

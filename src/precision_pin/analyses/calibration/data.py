@@ -526,9 +526,7 @@ def _fixed_readings(table: csv_columns.Measured, clock: _Clock, target: _Target,
         raise _error(table.file, message, table.lines[rows[k]])
     std, stds = _column(table, "std", units.LENGTH), _axis_stds(table, columns[:3])
     stds = np.repeat(std[:, None], 3, axis=1) if std.size else stds
-    covariances = measurement.point_covariances(points[rows])
-    if measurement.sight is not None and origin is not None:
-        covariances = measurement.sight.covariance(origin, points[rows])
+    covariances = measurement.point_covariances(points[rows], origin)
     if stds.size:
         covariances = np.where(np.isnan(stds), measurement.std, stds)[rows, :, None] ** 2 * np.eye(3)
     return FixedReadings(clock.times(table)[rows], numbers, points[rows], covariances, tuple(names.tolist()))

@@ -445,9 +445,11 @@ class Descent:
         if self._last_estimator is None or self._size > _SMALL:
             self._last_estimator = self._estimator()
         estimator, z, nuisances = self._last_estimator, self._z, self._nuisances
-        target = self._white + estimator.by_z @ z + estimator.by_nuisance @ nuisances
         new_z = estimator.estimate(self._white, z, *self.problem.bounds)
-        z_step, n_step = new_z - z, estimator.nuisances(target - estimator.by_z @ new_z) - nuisances
+        z_step = new_z - z
+        n_step = (
+            estimator.nuisances(self._white - estimator.by_z @ z_step + estimator.by_nuisance @ nuisances) - nuisances
+        )
         last_size = self._size
         self._size = max(np.abs(z_step).max(initial=0.0), np.abs(estimator.by_nuisance @ n_step).max(initial=0.0))
         # the step is halved until the cost does not rise

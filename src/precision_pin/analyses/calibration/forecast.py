@@ -260,7 +260,8 @@ def errors_left(
     def tangents_of_poses() -> Iterator[tuple[Array, Array, Array, Array, Array]]:
         for chunk in of_one_layout(at for _, at in named):
             tables = Tables.of(chunk)
-            means, estimate = tables.tangent(space.mean), tables.tangent(x)
+            means = tables.tangent(space.mean)
+            estimate = means if fitted is None else tables.tangent(x)
             jacobians, others = (np.ascontiguousarray(np.moveaxis(of.jacobian, -1, 0)) for of in (means, estimate))
             repeats = scope_covariances(space, Scope.POSE, jacobians) + scope_covariances(space, Scope.VISIT, jacobians)
             yield from zip(means.error.T, jacobians, repeats, estimate.error.T, others, strict=True)
