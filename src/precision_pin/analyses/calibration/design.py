@@ -277,13 +277,6 @@ WEAKEST: Final = 1.0
 """Factor by which readings must beat a combination's tolerance for it to be estimated without a prior."""
 
 
-def covariance_with_prior(by_z: Array, by_nuisance: Array) -> Array:
-    """Return z's covariance after measurements, ``(r, r)``: ``(I + Hᵀ(1 - P)H)⁻¹``, P the nuisances' projector."""
-    projected = beside(by_z, basis_of(by_nuisance))
-    values, vectors = np.linalg.eigh(projected.T @ projected)
-    return np.asarray((vectors / (1 + np.maximum(values, 0.0))) @ vectors.T)
-
-
 @dataclass(frozen=True, eq=False)
 class Estimator:
     """The linear estimate of z and the nuisances from whitened readings with derivatives ``(M, r)`` and ``(M, k)``.
@@ -293,8 +286,8 @@ class Estimator:
     Attributes:
         nuisance_basis: Orthonormal basis of what the determined nuisances explain, ``(M, rank)``.
         left, inverse: Factors ``(M, b)`` and ``(r, b)`` of the estimate at z = 0, ``inverse leftᵀ residuals``.
-        covariance, basis: Of z after the measurements, ``(r, r)``, and a basis of the combinations estimated, ``(r,
-            basis)``; all with a prior.
+        covariance, basis: Of z after the measurements, ``(r, r)``, with a prior ``(I + Hᵀ(1 - P)H)⁻¹``, P the projector of
+            the nuisances (K2); and a basis of the combinations estimated, ``(r, basis)``; all with a prior.
     """
 
     by_z: Array

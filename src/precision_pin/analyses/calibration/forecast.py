@@ -557,7 +557,7 @@ def forecast_calibration(
 
 
 def _rms(derivatives: tuple[Array, Array], slopes: Array, floor: float) -> float:
-    covariance = design.covariance_with_prior(*derivatives)
+    covariance = Estimator.of(*derivatives, has_prior=True).covariance
     return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", slopes, covariance, slopes).mean() + floor))
 
 

@@ -99,7 +99,7 @@ class Design:
     def exact_loss(self, choice: NDArray[np.intp]) -> float:
         """Return the loss of some candidates without the information that is added on nuisances; never the smaller one."""
         by_z, by_nuisance = np.split(self.rows[choice], [self.size], axis=2)
-        covariance = linear.covariance_with_prior(linear.flat(by_z), linear.flat(by_nuisance))
+        covariance = linear.Estimator.of(linear.flat(by_z), linear.flat(by_nuisance), has_prior=True).covariance
         if self.goal is None:
             return float(np.linalg.slogdet(covariance)[1])
         return float(np.einsum("ij,ji->", self.goal, covariance))
