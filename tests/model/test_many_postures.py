@@ -46,7 +46,9 @@ def check_alike(model, q, approaches=None):
             for key, twist in together.items():
                 # terms that other poses have are zero here
                 assert np.allclose(twist, single.get(key, 0.0), rtol=1e-12, atol=scale)
-        assert np.allclose(at.exact(x), alone.exact(x), rtol=1e-12, atol=1e-14)
+        # frames, which differ by rounding, are compared by themselves
+        framed = replace(alone, table=replace(alone.table, frames=at.table.frames, pose=at.table.pose))
+        assert np.allclose(at.exact(x), framed.exact(x), rtol=1e-12, atol=1e-14)
         assert np.allclose(at.table.frames, alone.table.frames, rtol=0, atol=1e-14)
         assert np.allclose(at.table.pose, alone.table.pose, rtol=0, atol=1e-14)
         assert np.allclose(at.posture.pose, alone.posture.pose, rtol=0, atol=1e-14)
