@@ -110,7 +110,7 @@ class Likelihood:
 
 
 def largest_likelihood(likelihood: Likelihood, maximum: float) -> tuple[Array, list[tuple[float, float]]]:
-    """Return the logarithms of the likeliest factors, at most ``most``, and the ends of their profile intervals; -inf is zero."""
+    """Return the logarithms of the likeliest factors, at most ``maximum``, and their profile intervals; -inf is zero."""
     grid = np.linspace(maximum - _DECADES * np.log(10), maximum, _STEPS)
     step = float(grid[1] - grid[0])
 
