@@ -112,8 +112,9 @@ class _Watch:
         """Return whether the page should be rebuilt; checks the files at most four times a second."""
         if time.monotonic() < self._next:
             return False
-        self._next = time.monotonic() + 0.25
         before, self._latest = self._latest, self._look()
+        # from its end: two looks at once, after the machine held one up, would find any half alike
+        self._next = time.monotonic() + 0.25
         # unchanged twice: nobody is in the middle of writing
         if self._latest != before or self._latest == self._made_from:
             return False
