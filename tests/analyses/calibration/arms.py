@@ -1,8 +1,10 @@
 """Arms and poses of the calibration's tests."""
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 import precision_pin as pp
 from precision_pin.analyses.readings import as_measured, simulate_readings, stations_of
@@ -44,3 +46,25 @@ def readings_of(model, q, measurement, seed=0):
     stations = stations_of(model, q, measurement)
     found = simulate_readings(stations, measurement, model, seed=seed)[:, :, 0]
     return as_measured(found, stations, measurement)
+
+
+class Dense(NamedTuple):
+    """A problem's readings in one piece: covariance of the noise, and whitened derivatives, further columns and residuals."""
+
+    noise: np.ndarray
+    by_z: np.ndarray
+    by_nuisance: np.ndarray
+    further: np.ndarray
+    white: np.ndarray
+
+
+def dense(problem, z, nuisances, causes=None):
+    """Return a problem at z and nuisances in one piece, what readings share included."""
+    pairs = list(problem.columns(z, nuisances, causes))
+    covariances = [covariance for chunk, _ in pairs for covariance in chunk.noise.covariances]
+    columns = np.vstack([problem.flat(*pair) for pair in pairs])
+    shared, further = problem.common.shape[2], nuisances.size + problem.unit.columns.size
+    noise = scipy.linalg.block_diag(*covariances) + columns[:, :shared] @ columns[:, :shared].T
+    white = np.linalg.solve(np.linalg.cholesky(noise), columns[:, shared:])
+    by_nuisance, by_number, more, residuals = np.split(white, [nuisances.size, further, -1], axis=1)
+    return Dense(noise, by_number / problem.unit.std @ problem.unit.root, by_nuisance, more, residuals[:, 0])

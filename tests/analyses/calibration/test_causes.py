@@ -7,8 +7,8 @@ import pytest
 from scipy import optimize, stats
 
 import precision_pin as pp
-from analyses.calibration.arms import OFF_AXIS, offsets, plain_model, random_poses, readings_of
-from precision_pin.analyses.calibration.causes import TOLERANCE, columns_of, rank, weigh
+from analyses.calibration.arms import OFF_AXIS, dense, offsets, plain_model, random_poses, readings_of
+from precision_pin.analyses.calibration.causes import TOLERANCE, CauseColumns, rank, weigh
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.fit import Problem
 from precision_pin.analyses.calibration.gains import JOINTS_READ
@@ -27,8 +27,9 @@ def linear_problem():
     data = read_data(model, (q, readings_of(model, q, FREE)), (FREE,))
     problem = Problem.of(model, data)[0]
     means = np.zeros(problem.unit.root.shape[1]), problem.start
-    columns, labels = columns_of(problem, data, *means)
-    return problem, columns[:, : len(labels)], labels, *problem.slopes(*means)
+    causes = CauseColumns.at(problem, data, problem.start)
+    whole = dense(problem, *means, causes)
+    return problem, whole.further, causes.labels, whole.by_z, whole.by_nuisance
 
 
 @cache

@@ -157,7 +157,7 @@ def test_targets_of_a_row_add_up_and_share_what_changes_between_visits(tmp_path)
     step = np.array([0, 1e-6, 0, 0])[:, None]
     moved = np.hstack([(points(Q[:, :1] + step, one) - points(Q[:, :1] - step, one))[0] / 2e-6 for one in TARGETS[:2]])
     noise = np.eye(6) * 20e-6**2 + 3e-5**2 * np.outer(moved, moved)
-    np.testing.assert_allclose(problem.roots[0] @ problem.roots[0].T, noise, rtol=1e-6, atol=1e-16)
+    np.testing.assert_allclose(problem.chunks[0].noise.covariances[0], noise, rtol=1e-6, atol=1e-16)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 import precision_pin as pp
-from analyses.calibration.arms import OFF_AXIS, offsets, random_poses
+from analyses.calibration.arms import OFF_AXIS, dense, offsets, random_poses
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import UnitNumbers
 from precision_pin.analyses.calibration.drift import (
@@ -232,7 +232,8 @@ def test_left_out_readings_follow_from_the_others_with_what_all_share(tmp_path):
     problem, _ = Problem.of(model(), data)
     fit = pp.calibrate(model(), data, DRIFTING)
     z = np.array([fit.posterior.mean[name] for name in fit.posterior.names]) / 1e-3
-    by_z = problem.noise.colour(problem.slopes(z, np.zeros(0))[0]).reshape(90, 4)
+    seen = dense(problem, z, np.zeros(0))
+    by_z = np.linalg.cholesky(seen.noise) @ seen.by_z
     factors = data.sessions[0].left.factors.reshape(90, -1)
     noise = factors @ factors.T + np.diag(np.repeat(data.sessions[0].left.own + STD**2, 3))
     residuals = problem.residuals(z, np.zeros(0))
@@ -243,9 +244,13 @@ def test_left_out_readings_follow_from_the_others_with_what_all_share(tmp_path):
         np.testing.assert_allclose(fit.left_out[row], start[own] - weights @ start[others], rtol=1e-6)
         covariance = whole[np.ix_(own, own)] - weights @ whole[np.ix_(others, own)]
         np.testing.assert_allclose(fit.std_left_out[row], np.sqrt(np.diag(covariance)), rtol=1e-6)
-    white = problem.whiten(residuals)
-    assert white @ white == pytest.approx(residuals.ravel() @ np.linalg.solve(noise, residuals.ravel()), rel=1e-9)
-    np.testing.assert_allclose(problem.noise.colour(white), residuals, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(seen.noise, noise, atol=1e-9 * noise.max())
+    inverse = np.linalg.inv(noise)
+    np.testing.assert_allclose(problem.precision_times(residuals), inverse @ residuals.ravel(), rtol=1e-7)
+    reduction = problem.reduce(z, np.zeros(0))
+    assert reduction.white @ reduction.white == pytest.approx(residuals.ravel() @ inverse @ residuals.ravel(), rel=1e-9)
+    information = problem.by_z(reduction).T @ problem.by_z(reduction)
+    np.testing.assert_allclose(information, by_z.T @ inverse @ by_z, rtol=1e-7)
 
 
 @pytest.mark.slow

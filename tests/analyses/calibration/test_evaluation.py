@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.linalg
 
 import precision_pin as pp
-from analyses.calibration.arms import OFF_AXIS, paper_model, plain_model, random_poses, readings_of
+from analyses.calibration.arms import OFF_AXIS, dense, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator
 from precision_pin.analyses.calibration.evaluation import predict_many
 from precision_pin.analyses.calibration.fit import Descent, Problem, _suspect_joint
-from precision_pin.analyses.calibration.noise import solve_lower
+from precision_pin.analyses.calibration.noise import Reduction, solve_lower
 from precision_pin.base import se3
+from precision_pin.model import pose_model
 from precision_pin.model.pose_model import AT_ONCE, PoseModel, Tables, of_one_layout
 
 SOCKETS = ((0.3, 0.1, 0.2), (0.1, -0.3, 0.4))
@@ -74,47 +74,75 @@ def repeated_problem():
     return Problem.of(model, read_data(model, (q, readings_of(model, q, FREE)), (FREE,)))[0]
 
 
-def test_noise_at_stations_of_different_sizes_is_that_of_each():
+@pytest.fixture(params=[AT_ONCE, 4], ids=["one chunk", "three chunks"])
+def chunked(request, monkeypatch):
+    """Poses are evaluated so many at once."""
+    monkeypatch.setattr(pose_model, "AT_ONCE", request.param)
+    return -(-9 // request.param)
+
+
+def test_noise_at_stations_of_different_sizes_is_that_of_each(chunked):
     problem = repeated_problem()
-    kept = problem.without([3, 7])
-    for part in (problem, kept):
-        for station, places, noise, root in zip(
-            part.each_station(), part.places, part.noise.covariances, part.roots, strict=True
-        ):
-            error = station.at.error_at_means
+    for part in (problem, problem.without([3, 7])):
+        assert len(part.chunks) == chunked
+        noise = dense(part, np.zeros(part.unit.root.shape[1]), part.start).noise
+        first = 0
+        for station, places in zip(part.each_station(), part.places, strict=True):
+            error, own = station.at.error_at_means, slice(first, first + len(places[0]))
             by_error = FREE.slopes(station.at.posture.pose, error, part.start).error
             stacked = np.tile(by_error, (len(station.rows), 1))
-            check_close(noise, station.noise(stacked, np.diag(part.deviations[places] ** 2), part.visit[places[0]]))
-            check_close(root @ root.T, noise)
-        root = scipy.linalg.block_diag(*part.roots)
-        values = np.random.default_rng(5).normal(size=(*part.readings.shape, 2))
-        of_stations = np.concatenate([values[places] for places in part.places])
-        white = part.whiten(values)
-        np.testing.assert_allclose(root @ white, of_stations, rtol=1e-9)
-        coloured = part.noise.colour(white)
-        np.testing.assert_allclose(np.concatenate([coloured[places] for places in part.places]), of_stations, rtol=1e-9)
-        pull, (noise_rows, place, station) = part.noise.pull(white), part.noise.precision
-        inverse = np.linalg.inv(root @ root.T)
-        np.testing.assert_allclose(pull, np.linalg.solve(root.T, white), rtol=1e-8)
-        for row in range(len(root)):
+            instrument = np.diag(part.deviations[places] ** 2)
+            check_close(noise[own, own], station.noise(stacked, instrument, part.visit[places[0]]))
+            first = own.stop
+        values = np.random.default_rng(5).normal(size=part.readings.shape)
+        of_numbers, inverse = values[part.numbers], np.linalg.inv(noise)
+        white = np.concatenate([chunk.noise.whiten(values[chunk.rows]) for chunk in part.chunks])
+        np.testing.assert_allclose(np.linalg.cholesky(noise) @ white, of_numbers, rtol=1e-9)
+        np.testing.assert_allclose(part.precision_times(values), inverse @ of_numbers, rtol=1e-8)
+        noise_rows, place, station = part.precision
+        for row in range(len(noise)):
             same = np.flatnonzero(station == station[row])
             check = noise_rows[row, place[same]]
             np.testing.assert_allclose(check, inverse[row, same], rtol=1e-8, atol=1e-12 * np.abs(inverse).max())
 
 
-def test_slopes_are_differences_of_residuals():
+def test_derivatives_are_differences_of_residuals(chunked):
     problem = repeated_problem()
     rng = np.random.default_rng(6)
     z, nuisances = rng.normal(size=problem.unit.root.shape[1]), problem.start + rng.normal(0, 1e-3, problem.start.size)
-    slopes, count, step = np.hstack(problem.slopes(z, nuisances)), z.size, 1e-5
+    whole, count, step = dense(problem, z, nuisances), z.size, 1e-5
+    slopes, root = np.hstack([whole.by_z, whole.by_nuisance]), np.linalg.cholesky(whole.noise)
 
     def residuals(point):
-        return problem.whiten(problem.residuals(*np.split(point, [count])))
+        return np.linalg.solve(root, problem.residuals(*np.split(point, [count]))[problem.numbers])
 
     point = np.concatenate([z, nuisances])
+    np.testing.assert_allclose(whole.white, residuals(point), rtol=1e-9)
     for column, way in zip(slopes.T, step * np.eye(point.size), strict=True):
         difference = (residuals(point - way) - residuals(point + way)) / (2 * step)
         np.testing.assert_allclose(column, difference, atol=1e-5 * np.abs(column).max())
+
+
+@pytest.mark.parametrize("count", [6, 1300])
+def test_a_reduction_is_that_of_the_whole(count):
+    """Products with (I + W Wᵀ)⁻¹ between, and that inverse less those of some columns, of fewer and more rows than columns."""
+    columns = np.random.default_rng(10).normal(size=(count, 3 + 7))
+    chunks = np.split(columns, [2, 3, count // 2])
+    reduction = Reduction.of(chunks, 3, 2)
+    w, others = columns[:, :3], columns[:, 3:]
+    inverse = np.eye(count) - w @ np.linalg.solve(np.eye(3) + w.T @ w, w.T)
+    check_close(reduction.rows.T @ reduction.rows, others.T @ inverse @ others)
+    assert (reduction.count, len(reduction.rows)) == (count, min(count, 7))
+    check_close(np.column_stack([reduction.by_nuisance, reduction.white]), reduction.rows[:, [0, 1, -1]])
+    coefficients = np.random.default_rng(11).normal(size=(5, 4))
+    through = columns[:, :8] @ reduction.over(coefficients)
+    left = inverse @ others[:, :5] @ coefficients
+    np.testing.assert_allclose(through @ through.T, np.eye(count) - inverse + left @ left.T, atol=1e-11)
+    some = reduction.only(np.array([1, 4]))
+    check_close(some.rows.T @ some.rows, (others.T @ inverse @ others)[np.ix_([1, 4, 6], [1, 4, 6])])
+    through = columns[:, [0, 1, 2, 4, 7]] @ some.over(coefficients[:2])
+    left = inverse @ others[:, [1, 4]] @ coefficients[:2]
+    np.testing.assert_allclose(through @ through.T, np.eye(count) - inverse + left @ left.T, atol=1e-11)
 
 
 def test_triangular_systems_of_one_size_are_solved_at_once():
@@ -174,23 +202,26 @@ def test_precise_readings_and_broad_tolerances_keep_their_digits():
     np.testing.assert_allclose(columns.T @ left_of_columns, np.diag(values**2 / (1 + values**2)), atol=1e-4)
 
 
-def test_the_suspect_joint_is_that_of_the_dense_projector():
+def test_the_suspect_joint_is_that_of_the_dense_projector(chunked):
     problem = repeated_problem()
     fit = Descent(problem, has_prior=True).fit()
     name, ratio = _suspect_joint(problem, fit)
-    white, projector = problem.whiten(problem.residuals(fit.z, fit.nuisances)), fit.estimator.residual_projector()
-    values, expected = np.zeros((2, 4))
-    for station, places, span, root in zip(
-        problem.each_station(), problem.places, problem.spans, problem.roots, strict=True
-    ):
+    whole = dense(problem, fit.z, fit.nuisances)
+    estimator = Estimator.of(whole.by_z, whole.by_nuisance, has_prior=True)
+    root, leverage = np.linalg.cholesky(whole.noise), estimator.leverage_root()
+    projector = np.eye(len(leverage)) - leverage @ leverage.T
+    values, expected, first = np.zeros(4), np.zeros(4), 0
+    for station, places in zip(problem.each_station(), problem.places, strict=True):
         by_error = FREE.slopes(station.at.posture.pose, station.at.error_at_means, fit.nuisances).error
+        own = slice(first, first + len(places[0]))
         for row in station.rows:  # each reading is a visit
             is_of_row = (places[0] == row)[:, None]
             by_joint = np.where(
                 is_of_row, np.tile(by_error @ station.at.posture.joint_jacobian, (len(station.rows), 1)), 0
             )
-            along = np.linalg.solve(root, by_joint)
-            values += (along.T @ white[span]) ** 2
-            expected += np.einsum("ij,ik,kj->j", along, projector[span, span], along)
+            along = np.linalg.solve(root[own, own], by_joint)
+            values += (along.T @ whole.white[own]) ** 2
+            expected += np.einsum("ij,ik,kj->j", along, projector[own, own], along)
+        first = own.stop
     assert name == problem.model.chain.joint_names[int(np.argmax(values / expected))]
     assert ratio == pytest.approx((values / expected).max(), rel=1e-9)

@@ -10,7 +10,7 @@ from scipy import optimize, special, stats
 from scipy.spatial.transform import Rotation
 
 import precision_pin as pp
-from analyses.calibration.arms import OFF_AXIS, offsets, paper_model, plain_model, random_poses, readings_of
+from analyses.calibration.arms import OFF_AXIS, dense, offsets, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration.calibrate import LeftOutShare, gain_interval
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means
@@ -109,17 +109,22 @@ def test_groups_that_share_errors_are_fewer_trials():
     free = pp.Measurement(std=20e-6, target=OFF_AXIS, base="free", target_known=False)
     problem = Problem.of(model, read_data(model, (q, readings_of(model, q, free)), (free,)))[0]
     z, groups, size = np.zeros(problem.unit.root.shape[1]), np.arange(16) // 2, 6
-    estimator = Estimator.of(*problem.slopes(z, problem.start), has_prior=True)
-    columns, through = [], problem.through(estimator.leverage_root())
-    for white in estimator.residual_projector():
+    whole, reduction = dense(problem, z, problem.start), problem.reduce(z, problem.start)
+    leverage, root = (
+        Estimator.of(whole.by_z, whole.by_nuisance, has_prior=True).leverage_root(),
+        np.linalg.cholesky(whole.noise),
+    )
+    estimator = Estimator.of(problem.by_z(reduction), reduction.by_nuisance, has_prior=True)
+    through = problem.through((z, problem.start), reduction, problem.over_numbers(estimator.root_by_columns))
+    projector, columns = np.eye(len(leverage)) - leverage @ leverage.T, []
+    for white in projector:
         residuals = np.zeros_like(problem.readings)
-        for places, span, root in zip(problem.places, problem.spans, problem.roots, strict=True):
-            residuals[places] = root @ white[span]
+        residuals[problem.numbers] = root @ white
         found = leave_out(problem, [through], residuals, groups)
         columns.append(found.values.ravel())
     # residuals hold y have the covariance hold, of which the map is taken here: hold hold⁺ hold
     left = np.array(columns).T
-    covariance = left @ np.linalg.pinv(estimator.residual_projector(), rcond=1e-9) @ left.T
+    covariance = left @ np.linalg.pinv(projector, rcond=1e-9) @ left.T
     blocks = covariance.reshape(8, size, 8, size).swapaxes(1, 2)
     roots = [np.linalg.inv(np.linalg.cholesky(blocks[k, k])) for k in range(8)]
     shares = [((roots[k] @ blocks[k, h] @ roots[h].T) ** 2).sum() / size for k in range(8) for h in range(8)]

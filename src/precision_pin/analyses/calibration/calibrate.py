@@ -331,7 +331,7 @@ def calibrate(
     chance = chance_of(fit.chi_square, fit.degrees_of_freedom, noise, repeated)
     residuals = problem.residuals(fit.z, fit.nuisances)
     groups = groups_of(readings, np.array(model.chain.prismatic))
-    left_out = fitting.leave_out(clean, clean.throughs(fit.estimator, fit.local), fit.residuals, groups)
+    left_out = fitting.leave_out(clean, fit.throughs(clean), fit.residuals, groups)
     set_up_fit = SetUpAlone.of(clean)
     std_free = min((std.degrees_of_freedom for std in noise.values() if std.decided_by == "repeats"), default=KNOWN_STD)
     grouped_by: Literal["poses", "groups"] = "groups" if readings.group.size else "poses"
@@ -339,9 +339,8 @@ def calibrate(
     unit, estimator = problem.unit, fit.estimator
     predicted = problem.reading_deviations(fit)
     is_gross = np.isin(np.arange(len(readings)), list(distances))[:, None]
-    plain_slopes, weighed = clean.slopes(fit.z, fit.nuisances, plain=True), len(readings) - len(distances)
-    identifiability = design.of_stack(unit.names, *plain_slopes, clean.instruments.nuisances, weighed)
-    del plain_slopes  # as large as the fit
+    derivatives, weighed = (clean.by_number(fit.reduction), fit.reduction.by_nuisance), len(readings) - len(distances)
+    identifiability = design.of_stack(unit.names, *derivatives, clean.instruments.nuisances, weighed)
     design.check_identifiable(identifiability)
     evidence = Evidence.of(clean, fit, readings, None if chance is None else std_free)
     causes, gains, without_weight = find_causes(evidence, groups), find_gains(evidence, readings, groups), ""
@@ -594,7 +593,7 @@ Verdict = Literal["agrees", "disagrees", "better than stated", "not tested"]
 _SAME_POSE: Final = (1e-3, 1e-4)
 """Difference of joint values (rad, m) up to which two poses count as one: they are omitted together."""
 _SETTLED: Final = 1e-9
-"""Largest change of whitened readings in the last step of a fit of base and target, relative to 1 + largest residual."""
+"""Root mean square change of whitened readings in the last step of a fit of base and target, over 1 + that of residuals."""
 KNOWN_STD: Final = 1e9
 """Degrees of freedom of a standard deviation that is known."""
 _MAX_HONEST_RATIO: Final = 1.5
@@ -686,27 +685,27 @@ class Improvement(Record):
 
 
 class SetUpAlone(NamedTuple):
-    """The fit of base and target, the arm at the sheet's means: the estimate, and the residuals ``(P, m)``."""
+    """The fit of base and target, the arm at the sheet's means: the estimate, the residuals ``(P, m)``, and T."""
 
     nuisances: Array
     residuals: Array
-    estimator: design.Estimator
+    through: fitting.Through
 
     @classmethod
     def of(cls, problem: fitting.Problem) -> SetUpAlone:
         """Return the fit to the readings of a problem."""
-        nuisances = problem.start
+        nuisances, z = problem.start, np.zeros(problem.unit.root.shape[1])
         for _ in range(fitting.STEPS):
-            residuals, _, slopes = problem.at_means(nuisances)
-            by_nuisance = design.without(problem.whiten(slopes), problem.unseen_turns)
-            white = problem.whiten(residuals)
-            no_columns = np.zeros((len(by_nuisance), 0))
-            estimator = design.Estimator.of(no_columns, by_nuisance, has_prior=False, basis=np.zeros((0, 0)))
-            step = estimator.nuisances(white)
-            if np.abs(by_nuisance @ step).max(initial=0.0) < _SETTLED * (1 + np.abs(white).max()):
+            reduction = problem.reduce(z, nuisances)
+            no_columns = np.zeros((len(reduction.rows), 0))
+            estimator = design.Estimator.of(no_columns, reduction.by_nuisance, has_prior=False, basis=np.zeros((0, 0)))
+            step = estimator.nuisances(reduction.white)
+            change, size = (float(np.linalg.norm(part)) for part in (reduction.by_nuisance @ step, reduction.white))
+            if change < _SETTLED * (reduction.count**0.5 + size):
                 break
             nuisances = nuisances + step
-        return cls(nuisances, residuals, estimator)
+        through = problem.through((z, nuisances), reduction, estimator.root_by_columns)
+        return cls(nuisances, problem.residuals(z, nuisances), through)
 
 
 def groups_of(data: CalibrationData, sliding: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -732,8 +731,7 @@ def judge(
     ``std_degrees`` are the degrees of freedom of the standard deviation, apart from these readings.
     """
     residuals = set_up_fit.residuals
-    through = problem.through(set_up_fit.estimator.leverage_root())
-    before = fitting.leave_out(problem, [through], residuals, groups)
+    before = fitting.leave_out(problem, [set_up_fit.through], residuals, groups)
     common = np.flatnonzero(before.is_predicted & after.is_predicted)
     if not common.size:
         return None

@@ -10,11 +10,12 @@ that are found compete by their largest likelihood over that variance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -22,7 +23,7 @@ from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.design import Estimator
 from precision_pin.analyses.calibration.fit import GROSS, Fit, Problem, leave_out
 from precision_pin.analyses.calibration.forecast import normal_interval
-from precision_pin.analyses.calibration.noise import LEVEL
+from precision_pin.analyses.calibration.noise import LEVEL, Reduction
 from precision_pin.analyses.number_law import tail
 from precision_pin.base.arrays import Array, Record
 from precision_pin.terms import at_means
@@ -136,42 +137,73 @@ def weigh(columns: NDArray[np.intp], of: Scores) -> CauseScore:
     return CauseScore(columns, chance, float(gains.max()), spread @ scores, spread @ vectors.T, std)
 
 
-def columns_of(problem: Problem, data: CalibrationData, z: Array, nuisances: Array) -> tuple[Array, list[Label]]:
-    """Return the whitened readings per unit of every cause, and then of every number of the sheet, and what the causes are."""
-    chain, q = problem.model.chain, data.q
-    joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
-    labels = [
-        (kind, name, ("s" if data.speed.size else "step") if kind == SETTLING else _UNITS[slides][kind == COMPLIANCE])
-        for name, slides in joints
-        for kind in OF_JOINTS
-    ]
-    labels += [*OF_SET_UP, *(BY_TEMPERATURE if data.temperature.size else ())]
-    _, first_rows, visit = np.unique(problem.visit, return_index=True, return_inverse=True)
-    steps = np.diff(q[:, first_rows], axis=1, prepend=q[:, first_rows[:1]])
-    # a joint at rest keeps the direction of its last motion
-    moves = np.maximum.accumulate(np.where(np.abs(steps) > _UNSEEN, np.arange(first_rows.size), 0), axis=1)
-    motion_signs = np.sign(np.take_along_axis(steps, moves, axis=1))[:, visit]
-    angles = 2 * np.pi * q / np.where(chain.prismatic, np.maximum(np.ptp(q, axis=1), _UNSEEN), 2 * np.pi)[:, None]
-    waves = np.array([wave(order * angles) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)])
-    clocks = [visit / max(first_rows.size - 1, 1) - 0.5]
-    clocks += [data.temperature - data.temperature.mean()] if data.temperature.size else []
-    unsettled = data.speed if data.speed.size else steps[:, visit]
-    jacobians, torques, points = _statics(problem)
-    signs, by_error = np.sign(torques) / 2, problem.at_means(nuisances)[1]
-    # whitened for one joint after another: all at once would need twice the memory
-    columns = np.empty((problem.spans[-1].stop, len(labels) + problem.unit.columns.size))
+@dataclass(frozen=True, eq=False)
+class CauseColumns:
+    """Readings per unit of every cause.
 
-    def fill(first: int, errors: Array) -> None:
-        columns[:, first : first + errors.shape[2]] = problem.whiten(by_error @ errors)
+    Attributes:
+        labels: What the causes are.
+        by_error: Derivatives of readings by the tip's error, ``(P, m, 6)``.
+        statics: The joints' Jacobian ``(P, 6, n)``, the torques on joints ``(P, n)`` and the tip ``(P, 3)``.
+        angles, motion_signs, unsettled: Angles of the waves, directions of the last motion, and steps or speeds, ``(n, P)``.
+        clocks: Time, and temperature if the readings have one, each about its mean, ``(c, P)``.
+        chosen: Numbers of the causes that are wanted.
+    """
 
-    for k in range(len(q)):
-        shapes = [np.ones(q.shape[1]), *waves[:, k], motion_signs[k] / 2, signs[:, k], torques[:, k], unsettled[k]]
-        fill(k * len(shapes), jacobians[:, :, k, None] * np.column_stack(shapes)[:, None])
-    shifts = np.concatenate([np.broadcast_to(np.eye(6, 3), (len(points), 6, 3)), np.eye(6, 3) @ points[:, :, None]], 2)
-    for number, clock in enumerate(clocks):
-        fill(len(q) * len(OF_JOINTS) + number * shifts.shape[2], clock[:, None, None] * shifts)
-    columns[:, len(labels) :] = problem.slopes(z, nuisances, plain=True)[0]
-    return columns, labels
+    labels: list[Label]
+    by_error: Array
+    statics: tuple[Array, Array, Array]
+    angles: Array
+    motion_signs: Array
+    unsettled: Array
+    clocks: Array
+    chosen: NDArray[np.intp]
+
+    @classmethod
+    def at(cls, problem: Problem, data: CalibrationData, nuisances: Array) -> CauseColumns:
+        """Return the causes of errors in readings."""
+        chain, q = problem.model.chain, data.q
+        joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
+        labels = [
+            (
+                kind,
+                name,
+                ("s" if data.speed.size else "step") if kind == SETTLING else _UNITS[slides][kind == COMPLIANCE],
+            )
+            for name, slides in joints
+            for kind in OF_JOINTS
+        ]
+        labels += [*OF_SET_UP, *(BY_TEMPERATURE if data.temperature.size else ())]
+        _, first_rows, visit = np.unique(problem.visit, return_index=True, return_inverse=True)
+        steps = np.diff(q[:, first_rows], axis=1, prepend=q[:, first_rows[:1]])
+        # a joint at rest keeps the direction of its last motion
+        moves = np.maximum.accumulate(np.where(np.abs(steps) > _UNSEEN, np.arange(first_rows.size), 0), axis=1)
+        motion_signs = np.sign(np.take_along_axis(steps, moves, axis=1))[:, visit]
+        angles = 2 * np.pi * q / np.where(chain.prismatic, np.maximum(np.ptp(q, axis=1), _UNSEEN), 2 * np.pi)[:, None]
+        clocks = [visit / max(first_rows.size - 1, 1) - 0.5]
+        clocks += [data.temperature - data.temperature.mean()] if data.temperature.size else []
+        unsettled = data.speed if data.speed.size else steps[:, visit]
+        of_joints = _statics(problem), angles, motion_signs, unsettled
+        return cls(labels, problem.by_error(nuisances), *of_joints, np.array(clocks), np.arange(len(labels)))
+
+    def only(self, chosen: NDArray[np.intp]) -> CauseColumns:
+        """Return some of the causes."""
+        return replace(self, chosen=chosen)
+
+    def of(self, rows: NDArray[np.intp]) -> Array:
+        """Return the readings per unit of the causes of some rows, ``(R, m, C)``."""
+        jacobians, torques, points = (of_all[rows] for of_all in self.statics)
+        angles, motion_signs, unsettled = self.angles[:, rows], self.motion_signs[:, rows], self.unsettled[:, rows]
+        errors = []
+        for k in range(len(angles)):
+            waves = [wave(order * angles[k]) for order in range(1, len(WAVES) + 1) for wave in (np.sin, np.cos)]
+            signs = motion_signs[k] / 2, np.sign(torques[:, k]) / 2
+            shapes = np.column_stack([np.ones(len(rows)), *waves, *signs, torques[:, k], unsettled[k]])
+            errors.append(jacobians[:, :, k, None] * shapes[:, None])
+        shifts = np.broadcast_to(np.eye(6, 3), (len(rows), 6, 3))
+        growth = np.eye(6, 3) @ points[:, :, None]
+        errors += [clock[rows, None, None] * np.concatenate([shifts, growth], axis=2) for clock in self.clocks]
+        return np.asarray(self.by_error[rows] @ np.concatenate(errors, axis=2)[:, :, self.chosen])
 
 
 def _statics(problem: Problem) -> tuple[Array, Array, Array]:
@@ -218,17 +250,23 @@ class Evidence:
 
     Attributes:
         problem, fit: Readings with weight, and their fit.
-        columns, labels: Whitened readings ``(M, C)`` per unit of every cause, and what they are.
-        root: Root of the leverage of the fit that is tested, ``(M, k + r)``.
+        causes: Their readings per unit of every cause.
+        reduction: Of the readings at the estimate, with the causes.
+        columns, labels: Reduced readings ``(R, C)`` per unit of every cause and of every number, and what they are.
+        root, over: Root of the leverage of the fit that is tested, reduced ``(R, n)``; as coefficients ``(k + U, n)`` of the
+            nuisances and numbers.
         chance, likely: Probability of such residuals if the sheet is complete, and the causes that explain them best.
         best_of_kinds: The likeliest cause of each kind.
     """
 
     problem: Problem
     fit: Fit
+    causes: CauseColumns
+    reduction: Reduction
     columns: Array
     labels: list[Label]
     root: Array
+    over: Array
     chance: float
     likely: list[CauseScore]
     best_of_kinds: dict[str, CauseScore]
@@ -240,22 +278,39 @@ class Evidence:
         ``known`` are the degrees of freedom of the standard deviation apart from these readings; ``None`` where it was tuned
         to them.
         """
-        estimator, readings = fit.estimator, problem.whiten(fit.residuals) + fit.estimator.by_z @ fit.z
-        if not estimator.has_prior:
-            # parameters that are not estimated have their prior, all others none
-            fixed_columns = np.hstack([estimator.by_nuisance, estimator.by_z @ estimator.basis])
-            estimator = Estimator.of(estimator.by_z, fixed_columns, has_prior=True)
-        columns, labels = columns_of(problem, data, fit.z, fit.nuisances)
-        new, root = len(labels), estimator.leverage_root()
+        causes = CauseColumns.at(problem, data, fit.nuisances)
+        reduction = problem.reduce(fit.z, fit.nuisances, causes)
+        by_z, by_number, set_up = problem.by_z(reduction), problem.by_number(reduction), reduction.nuisances
+        # parameters that are not estimated have their prior, all others none
+        basis = fit.estimator.basis[:, :0] if fit.estimator.has_prior else fit.estimator.basis
+        estimator = Estimator.of(by_z, np.hstack([reduction.by_nuisance, by_z @ basis]), has_prior=True)
+        of_fixed, of_z = np.split(estimator.root_by_columns, [set_up + basis.shape[1]])
+        over = scipy.linalg.block_diag(np.eye(set_up), basis) @ of_fixed
+        over[set_up:] += of_z
+        columns = np.hstack([reduction.rows[:, set_up + by_number.shape[1] : -1], by_number])
+        readings, root, new = reduction.white + by_z @ fit.z, estimator.leverage_root(), len(causes.labels)
         gram, through, residuals = columns.T @ columns, root.T @ columns, readings - root @ (root.T @ readings)
         information, squares = gram - through.T @ through, np.diag(gram)
         is_usable = np.diag(information) > _UNSEEN * squares
         is_usable[new:] &= squares[new:] > _UNSEEN
         is_usable[:new] &= (gram[:new, new:] ** 2 <= _KNOWN**2 * np.outer(squares[:new], squares[new:])).all(axis=1)
-        labels += [(TOLERANCE, name, "prior std") for name in problem.unit.names]
-        total, degrees = float(readings @ residuals), len(readings) - estimator.nuisance_rank
+        labels = [*causes.labels, *((TOLERANCE, name, "prior std") for name in problem.unit.names)]
+        total, degrees = float(readings @ residuals), reduction.count - estimator.nuisance_rank
         ranked = rank((columns.T @ residuals, information, total, degrees, known), labels, is_usable)
-        return cls(problem, fit, columns, labels, root, *ranked)
+        over = problem.over_numbers(over)
+        return cls(problem, fit, causes, reduction, columns, labels, root, over, *ranked)
+
+    def chosen(self, candidate: CauseScore) -> tuple[Reduction, CauseColumns]:
+        """Return the reduction of nuisances, numbers and a cause, and the columns of the cause; those of numbers are there."""
+        columns, size = candidate.columns[candidate.columns < len(self.causes.labels)], len(self.over)
+        return self.reduction.only(np.concatenate([np.arange(size), size + columns])), self.causes.only(columns)
+
+    def coefficients(self, candidate: CauseScore, of_cause: Array, of_others: Array) -> Array:
+        """Return coefficients of nuisances, numbers and a cause, ``(c, …)``, for those of the cause and of the others."""
+        number = candidate.columns - len(self.causes.labels)
+        others = of_others.copy()
+        others[self.reduction.nuisances + number[number >= 0]] += of_cause[number >= 0]
+        return np.concatenate([others, of_cause[number < 0]])
 
     def owner(self, candidate: CauseScore) -> tuple[str, str, bool]:
         """Return the kind of a cause, its joint, of several that with the largest error, and whether there are several."""
@@ -271,15 +326,20 @@ def explained(evidence: Evidence, problem: Problem, data: CalibrationData, gross
     """
     fit, candidate = evidence.fit, evidence.likely[0]
     alone = problem.without(np.setdiff1d(np.arange(len(data)), gross).tolist())
+    local = fit.local(evidence.reduction, evidence.problem.by_z(evidence.reduction))
     of_fit = evidence.columns[:, candidate.columns] @ candidate.mean
-    z = fit.local.inverse @ (fit.local.left.T @ of_fit)
-    nuisances = fit.local.nuisances(of_fit - fit.local.by_z @ z)
-    by_z, by_nuisance = alone.slopes(fit.z, fit.nuisances)
-    by_z = by_z[:, [name not in fit.at_bounds for name in problem.unit.names]] if fit.at_bounds else by_z
-    effect = columns_of(alone, data, fit.z, fit.nuisances)[0][:, candidate.columns] @ candidate.mean
-    white = alone.whiten(alone.residuals(fit.z, fit.nuisances)) - effect + by_z @ z + by_nuisance @ nuisances
-    squares = np.bincount(np.concatenate([rows for rows, _ in alone.places]), white**2, len(data))
-    return [row for row in gross if squares[row] <= stats.chi2.isf(GROSS / len(data), problem.sizes[row])]
+    z = local.inverse @ (local.left.T @ of_fit)
+    followed = problem.over_numbers(np.concatenate([local.nuisances(of_fit - local.by_z @ z), z]))
+    causes = CauseColumns.at(alone, data, fit.nuisances).only(evidence.chosen(candidate)[1].chosen)
+    change = np.append(evidence.coefficients(candidate, -candidate.mean, followed), 1.0)
+    result = list[int]()
+    for rows, columns in alone.white_columns(fit.z, fit.nuisances, causes):
+        shared, white = columns[:, : -change.size], columns[:, -change.size :] @ change
+        for row in np.unique(rows).tolist():
+            w, y = shared[rows == row], white[rows == row]
+            if y @ np.linalg.solve(np.eye(len(y)) + w @ w.T, y) <= stats.chi2.isf(GROSS / len(data), len(y)):
+                result.append(row)
+    return sorted(result)
 
 
 def find_causes(evidence: Evidence, groups: NDArray[np.intp]) -> list[Cause]:
@@ -287,12 +347,13 @@ def find_causes(evidence: Evidence, groups: NDArray[np.intp]) -> list[Cause]:
 
     ``groups`` tell which readings are left out together, ``(P,)``.
     """
-    problem, root, causes = evidence.problem, evidence.root, []
-    likely = evidence.likely if evidence.chance <= FALSE_ALARMS else []
-    throughs = [problem.through(root)] if likely else []
+    problem, fit, root, causes = evidence.problem, evidence.fit, evidence.root, []
+    point, likely = (fit.z, fit.nuisances), evidence.likely if evidence.chance <= FALSE_ALARMS else []
+    throughs = [problem.through(point, evidence.reduction, evidence.over)] if likely else []
     for candidate in likely:
-        white = evidence.columns[:, candidate.columns] @ candidate.mean
-        effect = problem.noise.colour(white - root @ (root.T @ white))
+        followed = evidence.over @ (root.T @ (evidence.columns[:, candidate.columns] @ candidate.mean))
+        left = evidence.coefficients(candidate, candidate.mean, -followed)
+        effect = problem.combined(*point, left, evidence.chosen(candidate)[1])
         without = leave_out(problem, throughs, effect, groups)
         shifts = without.values[without.is_predicted, :3]
         kind, joint, is_shared = evidence.owner(candidate)

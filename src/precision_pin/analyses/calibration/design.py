@@ -33,7 +33,7 @@ from threadpoolctl import threadpool_limits
 
 from precision_pin.analyses.calibration.data import CalibrationData
 from precision_pin.analyses.calibration.drift import Remainder, drift_ahead
-from precision_pin.analyses.calibration.noise import Common
+from precision_pin.analyses.calibration.noise import Reduction
 from precision_pin.analyses.readings import Station, each_station, measurement_of, stations_of
 from precision_pin.base import se3
 from precision_pin.base.arguments import check_instance
@@ -159,10 +159,10 @@ class ReadingsAhead(NamedTuple):
         """Return the derivatives ``(M, r)`` and ``(M, k)`` where some readings are taken in this order, with the drift then."""
         if (left := self._left(len(rows))) is None:
             return flat(self.by_z[rows]), flat(self.by_nuisance[rows])
-        *stacks, by_shift = self._scattered(rows, left.own)
-        common = Common(flat(by_shift @ left.factors))
-        by_z, by_nuisance = (common.whiten(flat(stack)) for stack in stacks)
-        return by_z, by_nuisance
+        by_z, by_nuisance, by_shift = self._scattered(rows, left.own)
+        columns = [flat(stack) for stack in (by_shift @ left.factors, by_nuisance, by_z)]
+        reduction = Reduction.of([np.hstack(columns)], columns[0].shape[1], columns[1].shape[1])
+        return reduction.rows[:, reduction.nuisances :], reduction.by_nuisance
 
     def apart(self, count: int) -> tuple[Array, Array]:
         """Return the stacks ``(P, m, r)`` and ``(P, m, k)`` as if the drift were of each reading alone.
@@ -238,10 +238,17 @@ def without(derivatives: Array, unseen: Array) -> Array:
 
 def basis_of(by_nuisance: Array) -> Array:
     """Return an orthonormal basis ``(M, rank)`` of what nuisances ``(M, k)`` explain."""
+    return basis_by_columns(by_nuisance)[0]
+
+
+def basis_by_columns(by_nuisance: Array) -> tuple[Array, Array]:
+    """Return the basis of :func:`basis_of`, and its coefficients by the nuisances, ``(k, rank)``."""
     if not by_nuisance.shape[1]:
-        return by_nuisance
-    basis, values, _ = np.linalg.svd(by_nuisance / _lengths(by_nuisance), full_matrices=False)
-    return basis[:, : int((values > NEGLIGIBLE * values[0]).sum())]
+        return by_nuisance, np.zeros((0, 0))
+    lengths = _lengths(by_nuisance)
+    basis, values, rows = np.linalg.svd(by_nuisance / lengths, full_matrices=False)
+    rank = int((values > NEGLIGIBLE * values[0]).sum())
+    return basis[:, :rank], rows[:rank].T / values[:rank] / lengths[:, None]
 
 
 def beside(columns: Array, basis: Array) -> Array:
@@ -348,10 +355,13 @@ class Estimator:
         """Return Q ``(M, k + r)``, with fitted = Q Qᵀ readings, both whitened."""
         return np.hstack([self.nuisance_basis, self.left])
 
-    def residual_projector(self) -> Array:
-        """Return the residual projector of whitened readings, ``(M, M)``."""
-        root = self.leverage_root()
-        return np.asarray(np.eye(len(root)) - root @ root.T)
+    @property
+    def root_by_columns(self) -> Array:
+        """Coefficients ``(k + r, n)`` with which the derivatives by nuisances and z are :meth:`leverage_root`."""
+        coefficients = basis_by_columns(self.by_nuisance)[1]
+        of_left = -coefficients @ (self.nuisance_basis.T @ self.by_z) @ self.inverse
+        zeros = np.zeros((len(self.inverse), coefficients.shape[1]))
+        return np.block([[coefficients, of_left], [zeros, self.inverse]])
 
     @cached_property
     def joint_covariance(self) -> Array:

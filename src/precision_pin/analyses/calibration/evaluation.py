@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,24 +80,29 @@ def _skew(vectors: Array) -> Array:
 
 
 class Point(NamedTuple):
-    """Predicted readings ``(P, m)``, and their derivatives by c components of the space and by the nuisances.
+    """Predicted readings ``(R, m)``, and their derivatives by c components of the space and by the nuisances.
 
-    ``derivatives`` are ``(P, m, c + k)``.
+    ``derivatives`` are ``(R, m, c + k)``.
     """
 
     values: Array
     derivatives: Array
 
 
-class Evaluation:
-    """The exact model at the stations of P readings; the last point is kept, since fits without some readings share it.
+_KEPT: Final = 32_000_000
+"""Bytes of derivatives at one point that are kept, since fits without some readings share them."""
 
-    Of the models only their tables stay in memory.
+
+class Evaluation:
+    """The exact model at the stations of P readings, in chunks of stations.
+
+    Of the models only their tables stay in memory, and of the derivatives at the last point as many as have a fixed size.
 
     Attributes:
         rows: Numbers of the readings at each station.
         poses: Nominal tip of each station, ``(S, 4, 4)``.
         station: Number of the station of each reading, ``(P,)``, -1 for none.
+        chunks: Numbers of the readings in each chunk of stations, station by station.
         at_means: The error at the means at each station, ``(S, 6)``, and its covariances by numbers of scope visit and pose.
     """
 
@@ -105,7 +110,7 @@ class Evaluation:
         self, space: Space, instruments: Instruments, stations: Iterable[Station], part: NDArray[np.intp]
     ) -> None:
         self._instruments, self._part, self._tables = instruments, part, list[Tables]()
-        self._shape = len(part), max(measurement.size for measurement in instruments.parts)
+        self._width = max(measurement.size for measurement in instruments.parts)
         rows, poses, errors, covariances = [], [], [], {scope: list[Array]() for scope in (Scope.VISIT, Scope.POSE)}
 
         def models() -> Iterator[PoseModel]:
@@ -121,50 +126,60 @@ class Evaluation:
             for scope, parts in covariances.items():
                 parts.append(scope_covariances(space, scope, _first(tangent.jacobian)))
         self.rows, self.poses = tuple(rows), np.array(poses).reshape(-1, 4, 4)
-        self.at_means = np.concatenate(errors), {scope: np.concatenate(parts) for scope, parts in covariances.items()}
+        is_drawn = {scope: space.has_scope(scope).any() for scope in covariances}
+        nothing = np.broadcast_to(np.zeros((6, 6)), (len(rows), 6, 6))
+        scopes = {scope: np.concatenate(parts) if is_drawn[scope] else nothing for scope, parts in covariances.items()}
+        self.at_means = np.concatenate(errors), scopes
         self.station = np.full(len(part), -1)
         for number, of_station in enumerate(self.rows):
             self.station[list(of_station)] = number
-        self._rows = np.argsort(self.station, kind="stable")
-        self._last: tuple[bytes, Point] = (b"", Point(self.poses, self.poses))
+        self._firsts = np.cumsum([0, *map(len, errors)])
+        order = np.argsort(self.station, kind="stable")
+        self.chunks = np.split(order, np.searchsorted(self.station[order], self._firsts))[1:-1]
+        self._last: tuple[bytes, dict[int, Point]] = (b"", {})
 
     def predictions_at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
         """Return predictions ``(P, m)`` and derivatives by the tip's error and the nuisances, with the means of the sheet."""
-        values, by_error = np.zeros(self._shape), np.zeros((*self._shape, 6))
-        by_nuisance = np.zeros((*self._shape, nuisances.size))
-        for rows, columns, of_rows in self._predict(self.at_means[0], 0, nuisances):
-            size = of_rows.values.shape[1]
-            values[rows, :size], by_error[rows, :size] = of_rows.values, of_rows.by_error
-            by_nuisance[rows[:, None], :size, columns] = of_rows.by_nuisance.swapaxes(1, 2)
+        shape = len(self._part), self._width
+        values, by_error, by_nuisance = np.zeros(shape), np.zeros((*shape, 6)), np.zeros((*shape, nuisances.size))
+        for number, chunk in enumerate(self.chunks):
+            for at, columns, of_rows in self._predict(number, self.at_means[0][self._stations(number)], nuisances):
+                rows, size = chunk[at], of_rows.values.shape[1]
+                values[rows, :size], by_error[rows, :size] = of_rows.values, of_rows.by_error
+                by_nuisance[rows[:, None], :size, columns] = of_rows.by_nuisance.swapaxes(1, 2)
         return values, by_error, by_nuisance
 
-    def at(self, x: Array, components: NDArray[np.intp], nuisances: Array) -> Point:
-        """Return predictions and derivatives by some components, at component values ``(d,)`` and nuisances ``(k,)``."""
+    def at(self, number: int, x: Array, components: NDArray[np.intp], nuisances: Array) -> Point:
+        """Return one chunk's predictions and derivatives by some components, at values ``(d,)`` and nuisances ``(k,)``."""
         key = x.tobytes() + nuisances.tobytes()
         if self._last[0] != key:
-            first, count = 0, components.size
-            point = Point(np.zeros(self._shape), np.zeros((*self._shape, count + nuisances.size)))
-            for tables in self._tables:
-                tangent = tables.tangent(x)
-                by_component = _first(tangent.jacobian[:, components])
-                for rows, columns, of_rows in self._predict(tangent.error.T, first, nuisances):
-                    size = of_rows.values.shape[1]
-                    point.values[rows, :size] = of_rows.values
-                    slopes = of_rows.by_error @ by_component[self.station[rows] - first]
-                    point.derivatives[rows, :size, :count] = slopes
-                    point.derivatives[rows[:, None], :size, count + columns] = of_rows.by_nuisance.swapaxes(1, 2)
-                first += len(by_component)
-            self._last = key, point
-        return self._last[1]
+            self._last = key, {}
+        known = self._last[1]
+        if number not in known:
+            tangent = self._tables[number].tangent(x)
+            by_component = _first(tangent.jacobian[:, components])
+            chunk, count, first = self.chunks[number], components.size, self._firsts[number]
+            shape = len(chunk), self._width
+            point = Point(np.zeros(shape), np.zeros((*shape, count + nuisances.size)))
+            for at, columns, of_rows in self._predict(number, tangent.error.T, nuisances):
+                size = of_rows.values.shape[1]
+                point.values[at, :size] = of_rows.values
+                point.derivatives[at, :size, :count] = of_rows.by_error @ by_component[self.station[chunk[at]] - first]
+                point.derivatives[at[:, None], :size, count + columns] = of_rows.by_nuisance.swapaxes(1, 2)
+            if sum(other.derivatives.nbytes for other in known.values()) + point.derivatives.nbytes > _KEPT:
+                return point
+            known[number] = point
+        return known[number]
+
+    def _stations(self, number: int) -> slice:
+        return slice(self._firsts[number], self._firsts[number + 1])
 
     def _predict(
-        self, errors: Array, first: int, nuisances: Array
+        self, number: int, errors: Array, nuisances: Array
     ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Predictions]]:
-        """Yield for each measurement its rows at stations from ``first`` on, its nuisances and predictions."""
-        begin, end = np.searchsorted(self.station[self._rows], (first, first + len(errors)))
-        chunk = self._rows[begin:end]
-        for number in np.unique(self._part[chunk]).tolist():
-            rows, columns = chunk[self._part[chunk] == number], self._instruments.columns[number]
-            stations, part = self.station[rows], self._instruments.parts[number]
-            of_rows = predict_many(part, self.poses[stations], errors[stations - first], nuisances[columns])
-            yield rows, columns, of_rows
+        """Yield for each measurement the places of its readings in a chunk, its nuisances and predictions."""
+        chunk, first = self.chunks[number], self._firsts[number]
+        for of_part in np.unique(self._part[chunk]).tolist():
+            at, columns = np.flatnonzero(self._part[chunk] == of_part), self._instruments.columns[of_part]
+            stations, part = self.station[chunk[at]], self._instruments.parts[of_part]
+            yield at, columns, predict_many(part, self.poses[stations], errors[stations - first], nuisances[columns])

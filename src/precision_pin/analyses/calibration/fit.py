@@ -7,13 +7,14 @@ current estimate. The noise R is that at the means.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import compress, pairwise
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -27,9 +28,9 @@ from precision_pin.analyses.calibration.design import (
     without,
 )
 from precision_pin.analyses.calibration.drift import common_factors
-from precision_pin.analyses.calibration.evaluation import Evaluation, Point
+from precision_pin.analyses.calibration.evaluation import Evaluation
 from precision_pin.analyses.calibration.instrument import instrument_covariance
-from precision_pin.analyses.calibration.noise import Noise, Places, blocks_of
+from precision_pin.analyses.calibration.noise import Noise, Places, Precision, Reduction, blocks_of
 from precision_pin.analyses.calibration.start import REWEIGHED, first_guess, readings_in_base, reweighed_sizes
 from precision_pin.analyses.readings import Station
 from precision_pin.base import se3
@@ -42,11 +43,9 @@ from precision_pin.model.error_model import ErrorModel
 STEPS: Final = 60
 """Gauss-Newton steps after which a fit that has not converged is rejected."""
 _SETTLED: Final = 1e-8
-"""Largest change of z, and of whitened nuisances, at which the estimate has converged."""
+"""Largest change of z, and root mean square change of whitened readings by nuisances, at which the estimate has converged."""
 _STALLED: Final = 1e-6
 """The same where it is not smaller than in the step before."""
-_SMALL: Final = 1e-5
-"""Change of z below which derivatives are reused, because they cost more than residuals."""
 _HALVINGS: Final = 30
 """Halvings of a step, down to 2e-9 of it."""
 _TRIED_STEPS: Final = 8
@@ -141,14 +140,23 @@ class Problem:
     @cached_property
     def places(self) -> tuple[Places, ...]:
         """Row and column in the readings of every number read at a station, in the order of its whitened numbers."""
-        station_rows = ((np.array(rows), self.sizes[list(rows)]) for rows in self.stations)
-        return tuple((np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])) for rows, sizes in station_rows)
+        return tuple(_places(rows, self.sizes[list(rows)]) for rows in map(np.array, self.stations))
 
     @cached_property
-    def spans(self) -> tuple[slice, ...]:
-        """Rows of each station's whitened components."""
-        bounds = np.cumsum([0, *(len(rows) for rows, _ in self.places)]).tolist()
-        return tuple(slice(start, stop) for start, stop in pairwise(bounds))
+    def numbers(self) -> Places:
+        """Row and column in the readings of every whitened number."""
+        rows = np.concatenate(self.stations)
+        return _places(rows, self.sizes[rows])
+
+    @property
+    def precision(self) -> Precision:
+        """The inverse of the noise apart from what readings share."""
+        parts = [chunk.noise.precision for chunk in self.chunks]
+        width = max(part.rows.shape[1] for part in parts)
+        rows = [np.pad(part.rows, ((0, 0), (0, width - part.rows.shape[1]))) for part in parts]
+        firsts = np.cumsum([0, *(part.station[-1] + 1 for part in parts)])
+        stations = [part.station + first for part, first in zip(parts, firsts[:-1], strict=True)]
+        return Precision(np.vstack(rows), np.concatenate([part.place for part in parts]), np.concatenate(stations))
 
     @cached_property
     def labels(self) -> tuple[NDArray[np.intp], ...]:
@@ -170,34 +178,44 @@ class Problem:
         return masks
 
     @cached_property
-    def noise(self) -> Noise:
-        """Noise of the readings, at each station as of :meth:`Station.noise`."""
-        by_error, (_, scopes) = self.at_means(self.start)[1], self.evaluation.at_means
-        blocks, covariances = blocks_of(self.places), []
-        for block in blocks:
-            rows, slopes = block.places[0], by_error[block.places]
-            stations, visits = self.evaluation.station[rows[:, 0]], self.visit[rows]
-            visit, pose = (
-                slopes @ scopes[scope][stations] @ slopes.swapaxes(1, 2) for scope in (Scope.VISIT, Scope.POSE)
-            )
-            instrument = self.instrument_at(block.places)
-            covariances.append(instrument + visit * (visits[:, :, None] == visits[:, None]) + pose)
-        try:
-            return Noise(self.readings.shape, blocks, covariances, self.common)
-        except np.linalg.LinAlgError:
-            for station, places in zip(self.each_station(), self.places, strict=True):
-                station.noise_root(by_error[places], self.instrument_at(places), self.visit[places[0]])
-            raise
+    def chunks(self) -> tuple[Chunk, ...]:
+        """The readings in chunks of stations, with their noise: at each station as of :meth:`Station.noise`."""
+        by_error, (_, scopes) = self.by_error(self.start), self.evaluation.at_means
+        firsts = np.cumsum([0, *map(len, self.evaluation.chunks)])
+        at = np.empty(len(self.readings), dtype=np.intp)  # place of each reading in its chunk
+        at[np.concatenate(self.evaluation.chunks)] = np.arange(firsts[-1])
+        owners = np.searchsorted(firsts, at[[rows[0] for rows in self.stations]], side="right") - 1
+        result, first = [], 0
+        for number in np.unique(owners).tolist():
+            stations = [self.stations[k] for k in np.flatnonzero(owners == number)]
+            rows, blocks, covariances = np.concatenate(stations), blocks_of(_local(stations, self.sizes)), []
+            for block in blocks:
+                of_block, columns = rows[block.places[0]], block.places[1]
+                slopes, pose = by_error[of_block, columns], self.evaluation.station[of_block[:, 0]]
+                of_visit, of_pose = (
+                    slopes @ scopes[scope][pose] @ slopes.swapaxes(1, 2) for scope in (Scope.VISIT, Scope.POSE)
+                )
+                visits, instrument = self.visit[of_block], self.instrument_at((of_block, columns))
+                covariances.append(instrument + of_visit * (visits[:, :, None] == visits[:, None]) + of_pose)
+            try:
+                noise = Noise(blocks, covariances)
+            except np.linalg.LinAlgError:
+                self._check_noise()
+                raise
+            count = int(self.sizes[rows].sum())
+            result.append(Chunk(number, rows, at[rows] - firsts[number], slice(first, first + count), noise))
+            first += count
+        return tuple(result)
 
-    @property
-    def roots(self) -> tuple[Array, ...]:
-        """Lower root of the noise of each station's readings, apart from what stations share."""
-        return self.noise.roots
+    def _check_noise(self) -> None:
+        """Raise where the noise of a station is singular."""
+        by_error = self.by_error(self.start)
+        for station, places in zip(self.each_station(), self.places, strict=True):
+            station.noise_root(by_error[places], self.instrument_at(places), self.visit[places[0]])
 
-    def at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
-        """Return, with the means of the sheet, residuals ``(P, m)``, and derivatives by the tip's error and the nuisances."""
-        values, by_error, by_nuisance = self.evaluation.predictions_at_means(nuisances)
-        return self._less(values), by_error, by_nuisance
+    def by_error(self, nuisances: Array) -> Array:
+        """Return the derivatives of the readings by the tip's error, with the means of the sheet, ``(P, m, 6)``."""
+        return self.evaluation.predictions_at_means(nuisances)[1]
 
     @cached_property
     def unseen_turns(self) -> Array:
@@ -231,31 +249,92 @@ class Problem:
                 yield Station(station.at, rows)
                 rows = next(remaining, ())
 
-    def _point(self, z: Array, nuisances: Array) -> Point:
-        x = self.unit.components(self.model.space, z[:, None])[:, 0]
-        return self.evaluation.at(x, self.unit.columns, nuisances)
+    def _components(self, z: Array) -> Array:
+        return self.unit.components(self.model.space, z[:, None])[:, 0]
+
+    def columns(
+        self, z: Array, nuisances: Array, causes: Causes | None = None, *, of: Iterable[Chunk] = ()
+    ) -> Iterator[tuple[Chunk, Array]]:
+        """Yield chunks, all by default, and columns of their readings ``(R, m, w + k + U + … + 1)``.
+
+        These are what readings share, derivatives by the nuisances and by each number over its prior std, further causes, and
+        readings less predictions.
+        """
+        x = self._components(z)
+        for chunk in of or self.chunks:
+            point = self.evaluation.at(chunk.number, x, self.unit.columns, nuisances)
+            by_number, by_nuisance = np.split(point.derivatives[chunk.at], [self.unit.columns.size], axis=2)
+            residuals = self._less(chunk.rows, point.values[chunk.at])[:, :, None]
+            by_nuisance = without(by_nuisance, self.unseen_turns)
+            further = [] if causes is None else [causes.of(chunk.rows)]
+            shared = self.common[chunk.rows]
+            yield chunk, np.concatenate([shared, by_nuisance, by_number * self.unit.std, *further, residuals], axis=2)
+
+    def white_columns(
+        self, z: Array, nuisances: Array, causes: Causes | None = None
+    ) -> Iterator[tuple[NDArray[np.intp], Array]]:
+        """Yield the reading of each number and the whitened columns of each chunk, ``(m,)`` and ``(m, w + k + U + … + 1)``."""
+        for chunk, columns in self.columns(z, nuisances, causes):
+            yield np.repeat(chunk.rows, self.sizes[chunk.rows]), chunk.noise.whiten(columns)
+
+    def reduce(self, z: Array, nuisances: Array, causes: Causes | None = None) -> Reduction:
+        """Return the reduction of the whitened columns."""
+        chunks = (columns for _, columns in self.white_columns(z, nuisances, causes))
+        return Reduction.of(chunks, self.common.shape[2], nuisances.size)
+
+    def by_z(self, reduction: Reduction) -> Array:
+        """Return the reduced columns by z."""
+        return self.by_number(reduction) @ self._number_by_z
+
+    def by_number(self, reduction: Reduction) -> Array:
+        """Return the reduced columns by each number over its prior std."""
+        return reduction.rows[:, reduction.nuisances :][:, : self.unit.columns.size]
+
+    def over_numbers(self, coefficients: Array) -> Array:
+        """Return coefficients ``(k + U, …)`` of nuisances and numbers, for ``(k + r, …)`` of nuisances and z."""
+        return np.concatenate([coefficients[: self.start.size], self._number_by_z @ coefficients[self.start.size :]])
+
+    @cached_property
+    def _number_by_z(self) -> Array:
+        return self.unit.root / self.unit.std[:, None]
 
     def residuals(self, z: Array, nuisances: Array) -> Array:
         """Return readings less predictions, ``(P, m)``."""
-        return self._less(self._point(z, nuisances).values)
+        result, x = np.zeros(self.readings.shape), self._components(z)
+        for chunk in self.chunks:
+            point = self.evaluation.at(chunk.number, x, self.unit.columns, nuisances)
+            result[chunk.rows] = self._less(chunk.rows, point.values[chunk.at])
+        return result
 
-    def _less(self, values: Array) -> Array:
-        result, rows = np.zeros_like(self.readings), np.concatenate(self.stations)
-        for number, part in enumerate(self.instruments.parts):
-            of_part = rows[self.part[rows] == number]
-            readings, predicted = (array[of_part, : part.size].T for array in (self.readings, values))
+    def combined(self, z: Array, nuisances: Array, coefficients: Array, causes: Causes | None = None) -> Array:
+        """Return the sum of the columns times coefficients of the nuisances, the numbers and the causes, ``(P, m)``."""
+        result, first = np.zeros(self.readings.shape), self.common.shape[2]
+        for chunk, columns in self.columns(z, nuisances, causes):
+            result[chunk.rows] = columns[:, :, first : first + coefficients.size] @ coefficients
+        return result
+
+    def _less(self, rows: NDArray[np.intp], values: Array) -> Array:
+        result = np.zeros_like(values)
+        for number in np.unique(self.part[rows]).tolist():
+            part, of_part = self.instruments.parts[number], self.part[rows] == number
+            readings, predicted = self.readings[rows[of_part], : part.size].T, values[of_part, : part.size].T
             result[of_part, : part.size] = part.residual(readings, predicted).T
         return result
 
-    def whiten(self, values: Array) -> Array:
-        """Return ``R^(-1/2)`` times ``(P, m, …)``, as ``(M, …)`` with the rows of each station together."""
-        return self.noise.whiten(values)
+    def flat(self, chunk: Chunk, values: Array) -> Array:
+        """Return values of the readings of a chunk ``(R, m, …)`` in the order of whitened numbers, ``(M, …)``."""
+        return np.asarray(values[_places(np.arange(len(chunk.rows)), self.sizes[chunk.rows])])
 
-    def slopes(self, z: Array, nuisances: Array, *, plain: bool = False) -> tuple[Array, Array]:
-        """Return whitened derivatives of the readings by z (plain: by each number over its prior std) and by the nuisances."""
-        by_number, by_nuisance = np.split(self._point(z, nuisances).derivatives, [self.unit.columns.size], axis=2)
-        root = np.diag(self.unit.std) if plain else self.unit.root
-        return self.whiten(by_number @ root), without(self.whiten(by_nuisance), self.unseen_turns)
+    def precision_times(self, values: Array) -> Array:
+        """Return R⁻¹ times readings ``(P, m)``, in the order of whitened numbers, ``(M,)``."""
+        white = [chunk.noise.whiten(values[chunk.rows]) for chunk in self.chunks]
+        if self.common.shape[2]:
+            shared = [chunk.noise.whiten(self.common[chunk.rows]) for chunk in self.chunks]
+            root = Reduction.of(shared, self.common.shape[2], 0).shared
+            pulled = sum(w.T @ part for w, part in zip(shared, white, strict=True))
+            inner = scipy.linalg.cho_solve((root, False), pulled)
+            white = [part - w @ inner for w, part in zip(shared, white, strict=True)]
+        return np.concatenate([chunk.noise.pull(part) for chunk, part in zip(self.chunks, white, strict=True)])
 
     @property
     def alike_attitudes(self) -> str:
@@ -269,14 +348,13 @@ class Problem:
             "base: give the target as known, or turn the tool"
         )
 
-    def through(self, leverage_root: Array) -> Array:
-        """Return ``T = R^(-1/2)ᵀ Q`` of a fit ``(M, k)`` by Q of :meth:`Estimator.leverage_root`, beside what stations share."""
-        pulled, shared = self.noise.pull(leverage_root), self.noise.precision_root
-        return np.hstack([pulled, shared]) if shared.shape[1] else pulled
-
-    def throughs(self, estimator: Estimator, local: Estimator) -> list[Array]:
-        """Return T of estimators, once of equal ones."""
-        return [self.through(part.leverage_root()) for part in dict.fromkeys((estimator, local))]
+    def through(
+        self, at: tuple[Array, Array], reduction: Reduction, *coefficients: Array, causes: Causes | None = None
+    ) -> Through:
+        """Return T of columns at z and nuisances times coefficients ``(c, n)``, beside what readings share."""
+        size = max(map(len, coefficients))
+        filled = [np.vstack([part, np.zeros((size - len(part), part.shape[1]))]) for part in coefficients]
+        return Through(self, at, reduction.over(np.hstack(filled)), causes)
 
     @property
     def spread(self) -> float:
@@ -292,8 +370,7 @@ class Problem:
         hardly pull, then those that the exact fit of the others does not explain.
         """
         z, nuisances = np.zeros(self.unit.root.shape[1]), self.start
-        white, numbers = self.whiten(self.residuals(z, nuisances)), np.concatenate([rows for rows, _ in self.places])
-        sizes = reweighed_sizes(white, *self.slopes(z, nuisances), numbers)
+        sizes = reweighed_sizes(lambda: self._robust_columns(z, nuisances), self.start.size, len(self.readings))
         scale, limit = float(np.sqrt((sizes**2).mean())), int(_MOST_LEFT_OUT * len(sizes))
         if sizes.max() <= ODD:
             return Consensus({}, scale, ())
@@ -313,6 +390,13 @@ class Problem:
             return Consensus(gross, scale, ())
         return Consensus({}, scale, tuple(sorted(row for row in gross if distance[row] > FARTHEST**2)))
 
+    def _robust_columns(self, z: Array, nuisances: Array) -> Iterator[tuple[NDArray[np.intp], Array]]:
+        """Yield the columns of :func:`reweighed_sizes`, with what readings share among the numbers of unit prior."""
+        first, last = self.common.shape[2], self.common.shape[2] + self.start.size
+        for rows, columns in self.white_columns(z, nuisances):
+            shared, by_nuisance, by_number, white = np.split(columns, [first, last, -1], axis=1)
+            yield rows, np.hstack([by_nuisance, shared, by_number @ self._number_by_z, white])
+
     def outlying(self, fit: Fit, gross: Collection[int]) -> tuple[Array, Array]:
         """Return squared sizes ``(P,)``, in standard deviations, about a fit without each and without gross errors, over limits.
 
@@ -328,12 +412,83 @@ class Problem:
 
     def reading_deviations(self, fit: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
-        estimator = fit.estimator
-        is_whole = len(estimator.by_z) == self.spans[-1].stop
-        white = (estimator.by_z, estimator.by_nuisance) if is_whole else self.slopes(fit.z, fit.nuisances)
-        slopes = self.noise.colour(np.hstack(white))
-        variances = np.einsum("pmj,jk,pmk->pm", slopes, estimator.joint_covariance, slopes, optimize=True)
-        return np.sqrt(self.noise.variances + variances)
+        result, shared, set_up = np.zeros(self.readings.shape), self.common.shape[2], self.start.size
+        for chunk, columns in self.columns(fit.z, fit.nuisances):
+            by_nuisance, by_number = np.split(columns[:, :, shared:-1], [set_up], axis=2)
+            slopes = np.concatenate([by_number @ self._number_by_z, by_nuisance], axis=2)
+            variances = np.einsum("pmj,jk,pmk->pm", slopes, fit.estimator.joint_covariance, slopes, optimize=True)
+            variances += (columns[:, :, :shared] ** 2).sum(axis=2)
+            is_read = np.arange(variances.shape[1]) < self.sizes[chunk.rows, None]
+            variances[is_read] += chunk.noise.variances
+            result[chunk.rows] = np.sqrt(variances)
+        return result
+
+
+class Causes(Protocol):
+    """Further columns of readings."""
+
+    def of(self, rows: NDArray[np.intp]) -> Array:
+        """Return the columns of some readings, ``(R, m, C)``."""
+
+
+class Chunk(NamedTuple):
+    """Readings of some stations.
+
+    Attributes:
+        number: Of the chunk in :class:`Evaluation`.
+        rows: Numbers of its readings, station by station, ``(R,)``.
+        at: Their places in the chunk of the evaluation, ``(R,)``.
+        white: Its whitened numbers among those of all chunks.
+        noise: Their noise apart from what they share; its readings are those of the chunk, ``(R, m)``.
+    """
+
+    number: int
+    rows: NDArray[np.intp]
+    at: NDArray[np.intp]
+    white: slice
+    noise: Noise
+
+
+class Through(NamedTuple):
+    """T of a fit, with which R⁻¹ - T Tᵀ, of D⁻¹ - T Tᵀ, takes what is left of readings: rows are made where they are needed.
+
+    T is ``D⁻¹ [W | N | …] over``, of the columns of :meth:`Problem.columns` at z and nuisances ``point``, and of
+    :meth:`Reduction.over`.
+    """
+
+    problem: Problem
+    point: tuple[Array, Array]
+    over: Array
+    causes: Causes | None
+
+    def of(self, chunks: Sequence[Chunk]) -> Array:
+        """Return the rows of the numbers of some chunks, ``(M, c)``."""
+        parts = self.problem.columns(*self.point, self.causes, of=chunks)
+        return np.concatenate(
+            [
+                chunk.noise.pull(chunk.noise.whiten(columns[:, :, : len(self.over)] @ self.over))
+                for chunk, columns in parts
+            ]
+        )
+
+    def times(self, values: Array) -> Array:
+        """Return Tᵀ times readings ``(P, m)``, ``(c,)``."""
+        rows, columns = self.problem.numbers
+        of_numbers = values[rows, columns]
+        return np.asarray(sum(self.of([chunk]).T @ of_numbers[chunk.white] for chunk in self.problem.chunks))
+
+
+def _places(rows: NDArray[np.intp], sizes: NDArray[np.intp]) -> Places:
+    """Return row and column of every number of readings with ``sizes`` numbers."""
+    return np.repeat(rows, sizes), np.concatenate([*map(np.arange, sizes)])
+
+
+def _local(stations: Sequence[Sequence[int]], sizes: NDArray[np.intp]) -> list[Places]:
+    """Return the places of numbers read at stations, whose readings are counted from 0."""
+    firsts = np.cumsum([0, *map(len, stations)])
+    return [
+        _places(np.arange(a, b), sizes[list(rows)]) for (a, b), rows in zip(pairwise(firsts), stations, strict=True)
+    ]
 
 
 class LeftOut(NamedTuple):
@@ -353,6 +508,12 @@ class LeftOut(NamedTuple):
     distance: Array
     is_predicted: NDArray[np.bool_]
     trials: float
+
+    @classmethod
+    def empty(cls, problem: Problem) -> LeftOut:
+        """Return zeros for all readings."""
+        count, size = problem.readings.shape
+        return cls(*np.zeros((2, count, size)), np.zeros(count), np.zeros(count, dtype=bool), 0.0)
 
 
 class Consensus(NamedTuple):
@@ -375,24 +536,43 @@ class Fit(NamedTuple):
 
     Attributes:
         z, nuisances, without_bounds: The estimate, ``(r,)`` and ``(k,)``; z where no law had bounds, first order.
-        estimator, chi_square, degrees_of_freedom: Derivatives there, sum of squares of whitened residuals (with a
-            prior, and of z), and its expectation.
+        reduction, estimator: Derivatives there and residuals, reduced, and the linear estimate by these.
+        chi_square, degrees_of_freedom: Sum of squares of whitened residuals (with a prior, and of z), and its expectation.
         residuals, left_out: Reading less prediction, ``(P, m)``; less that of a fit without it.
-        local: The estimator without the numbers that stop at a bound.
+        is_free: Whether a number follows the readings, and does not stop at a bound, ``(r,)``.
         steps, at_bounds: Gauss-Newton steps, and names of the numbers at a bound of their law.
     """
 
     z: Array
     nuisances: Array
     without_bounds: Array
+    reduction: Reduction
     estimator: Estimator
     chi_square: float
     degrees_of_freedom: int
     residuals: Array
-    local: Estimator
+    is_free: NDArray[np.bool_]
     left_out: LeftOut
     steps: int
     at_bounds: tuple[str, ...]
+
+    def local(self, reduction: Reduction, by_z: Array) -> Estimator:
+        """Return the estimator by a reduction at the estimate where numbers at a bound are known: they do not follow readings."""
+        has_prior, basis = self.estimator.has_prior, self.estimator.basis
+        return Estimator.of(by_z * self.is_free, reduction.by_nuisance, has_prior=has_prior, basis=basis)
+
+    def throughs(self, problem: Problem) -> list[Through]:
+        """Return T of the fit, and without the numbers at a bound where there are any."""
+        by_z = problem.by_z(self.reduction)
+        overs = [problem.over_numbers(self.estimator.root_by_columns)]
+        overs += [] if self.is_free.all() else [self.over(problem, self.local(self.reduction, by_z))]
+        return [problem.through((self.z, self.nuisances), self.reduction, over) for over in overs]
+
+    def over(self, problem: Problem, local: Estimator) -> Array:
+        """Return coefficients ``(k + U, n)`` with which nuisances and numbers are the root of the leverage of :meth:`local`."""
+        coefficients = local.root_by_columns
+        coefficients[self.nuisances.size :] *= self.is_free[:, None]
+        return problem.over_numbers(coefficients)
 
 
 class Descent:
@@ -407,21 +587,19 @@ class Descent:
         self.problem, self.has_prior, self.steps = problem, has_prior, 0
         means = np.zeros(problem.unit.root.shape[1]), problem.start
         # without a prior the combinations to estimate are those at the means, at every step
-        self._basis = None if has_prior else Estimator.of(*problem.slopes(*means), has_prior=False).basis
+        self._basis = None if has_prior else self._estimator(problem.reduce(*means), None).basis
         self._z, self._nuisances = at or means
-        self._white, self._cost = self._evaluate(self._z, self._nuisances)
-        self._last_estimator: Estimator | None = None
+        self._reduction, self._cost = self._evaluate(self._z, self._nuisances)
         self._size, self._is_settled = np.inf, False
         self._settled_fit: Fit | None = None
 
-    def _evaluate(self, z: Array, nuisances: Array) -> tuple[Array, float]:
-        """Return whitened residuals, and the cost."""
-        white = self.problem.whiten(self.problem.residuals(z, nuisances))
-        return white, float(white @ white) + (float(z @ z) if self.has_prior else 0.0)
+    def _evaluate(self, z: Array, nuisances: Array) -> tuple[Reduction, float]:
+        """Return the reduction at a point, and the cost."""
+        reduction = self.problem.reduce(z, nuisances)
+        return reduction, float(reduction.white @ reduction.white) + (float(z @ z) if self.has_prior else 0.0)
 
-    def _estimator(self) -> Estimator:
-        slopes = self.problem.slopes(self._z, self._nuisances)
-        return Estimator.of(*slopes, has_prior=self.has_prior, basis=self._basis)
+    def _estimator(self, reduction: Reduction, basis: Array | None) -> Estimator:
+        return Estimator.of(self.problem.by_z(reduction), reduction.by_nuisance, has_prior=self.has_prior, basis=basis)
 
     def fit(self, steps: int = STEPS) -> Fit:
         """Return the estimate after a total number of steps or at convergence; raise if it does not converge."""
@@ -442,68 +620,66 @@ class Descent:
 
     def _step(self) -> None:
         self.steps += 1
-        if self._last_estimator is None or self._size > _SMALL:
-            self._last_estimator = self._estimator()
-        estimator, z, nuisances = self._last_estimator, self._z, self._nuisances
-        new_z = estimator.estimate(self._white, z, *self.problem.bounds)
+        z, nuisances, white, count = self._z, self._nuisances, self._reduction.white, self._reduction.count
+        estimator = self._estimator(self._reduction, self._basis)
+        new_z = estimator.estimate(white, z, *self.problem.bounds)
         z_step = new_z - z
-        n_step = (
-            estimator.nuisances(self._white - estimator.by_z @ z_step + estimator.by_nuisance @ nuisances) - nuisances
-        )
+        n_step = estimator.nuisances(white - estimator.by_z @ z_step + estimator.by_nuisance @ nuisances) - nuisances
         last_size = self._size
-        self._size = max(np.abs(z_step).max(initial=0.0), np.abs(estimator.by_nuisance @ n_step).max(initial=0.0))
+        change = float(np.linalg.norm(estimator.by_nuisance @ n_step)) / count**0.5
+        self._size = max(np.abs(z_step).max(initial=0.0), change)
         # the step is halved until the cost does not rise
         for fraction in 0.5 ** np.arange(_HALVINGS):
             trial_z, trial_nuisances = z + fraction * z_step, nuisances + fraction * n_step
             try:
-                trial_white, trial_cost = self._evaluate(trial_z, trial_nuisances)
+                trial, trial_cost = self._evaluate(trial_z, trial_nuisances)
             except InputError:  # an error turns a place by half a turn
                 continue
             # rounding of the sum must not hold up the last steps
             if trial_cost <= self._cost * (1 + 1e-9) + 1e-9:
-                self._z, self._nuisances, self._white, self._cost = trial_z, trial_nuisances, trial_white, trial_cost
+                self._z, self._nuisances, self._reduction, self._cost = trial_z, trial_nuisances, trial, trial_cost
                 break
         # small steps that no longer shrink are rounding
         limit = _SETTLED if self._size < last_size else _STALLED
         self._is_settled = bool(self._size < limit * (1 + np.abs(self._z).max(initial=0.0)))
 
     def _estimate(self) -> Fit:
-        problem, z, nuisances, white, cost = self.problem, self._z, self._nuisances, self._white, self._cost
-        self._last_estimator = None  # as large as the new one
-        estimator = self._estimator()
+        problem, z, nuisances, reduction, cost = self.problem, self._z, self._nuisances, self._reduction, self._cost
+        estimator = self._estimator(reduction, self._basis)
         residuals = problem.residuals(z, nuisances)
-        degrees = len(white) - estimator.nuisance_rank - (0 if self.has_prior else estimator.basis.shape[1])
-        at_bounds, local = tuple[str, ...](), estimator
+        degrees = reduction.count - estimator.nuisance_rank - (0 if self.has_prior else estimator.basis.shape[1])
+        is_free = np.ones(z.size, dtype=bool)
         if self.has_prior and problem.unit.is_independent:
             low, high = problem.bounds
-            is_at_bound = (z <= low) | (z >= high)
-            at_bounds = tuple(compress(problem.unit.names, is_at_bound))
-            if at_bounds:  # numbers at a bound do not follow the readings
-                local = Estimator.of(estimator.by_z[:, ~is_at_bound], estimator.by_nuisance, has_prior=True)
-        without_bounds = estimator.estimate(white, z) if at_bounds else z
-        throughs = problem.throughs(estimator, local)
-        left_out = leave_out(problem, throughs, residuals, np.arange(len(residuals)))
-        return Fit(
-            z, nuisances, without_bounds, estimator, cost, degrees, residuals, local, left_out, self.steps, at_bounds
-        )
+            is_free = (low < z) & (z < high)
+        at_bounds = () if is_free.all() else tuple(compress(problem.unit.names, ~is_free))
+        without_bounds = estimator.estimate(reduction.white, z) if at_bounds else z
+        facts = z, nuisances, without_bounds, reduction, estimator, cost, degrees, residuals, is_free
+        fit = Fit(*facts, LeftOut.empty(problem), self.steps, at_bounds)
+        left_out = leave_out(problem, fit.throughs(problem), residuals, np.arange(len(residuals)))
+        return fit._replace(left_out=left_out)
 
 
 def leave_out(problem: Problem, throughs: Sequence[Array], residuals: Array, groups: NDArray[np.intp]) -> LeftOut:
     """Return readings less the prediction of a fit without their group, from residuals ``(P, m)`` and groups ``(P,)``.
 
-    With T of :meth:`Problem.through`, those of a group are the inverse of its block of R⁻¹ - T Tᵀ times its rows of R⁻¹ r, and
-    that inverse is their covariance; R⁻¹ is that of the stations less what these share. The last of ``throughs`` is of the fit
-    that left the residuals, the first of what is known: a number that stops at a bound follows no reading, but is not known.
+    With T of :class:`Through`, those of a group are the inverse of its block of R⁻¹ = D⁻¹ - T Tᵀ times its rows of R⁻¹ r, and
+    that inverse is their covariance. The last of ``throughs`` is of the fit that left the residuals, the first of what is
+    known: a number that stops at a bound follows no reading, but is not known.
     """
-    shape = residuals.shape
-    pull, (noise, place, station) = problem.noise.pull(problem.whiten(residuals)), problem.noise.precision
-    rows, columns = (np.concatenate(parts) for parts in zip(*problem.places, strict=True))
-    result = LeftOut(np.zeros(shape), np.zeros(shape), np.zeros(shape[0]), np.zeros(shape[0], dtype=bool), 0.0)
-    shared, squares, count = np.zeros((throughs[0].shape[1],) * 2), 0.0, 0
+    pull, chunks, result = problem.precision_times(residuals), problem.chunks, LeftOut.empty(problem)
+    firsts, (noise, place, station) = np.array([chunk.white.start for chunk in chunks]), problem.precision
+    rows, columns = problem.numbers
+    shared, squares, count = np.zeros((throughs[0].over.shape[1],) * 2), 0.0, 0
     for cells in _cells_of_groups(groups[rows], rows):
         is_same = station[cells][:, :, None] == station[cells][:, None]
         block = np.where(is_same, noise[cells[:, :, None], place[cells][:, None]], 0.0)
-        covariances, checks = zip(*(_group_covariances(block, through[cells]) for through in throughs), strict=True)
+        owners, owner = np.unique(np.searchsorted(firsts, cells, side="right") - 1, return_inverse=True)
+        of_cells = [chunks[k] for k in owners.tolist()]
+        starts = np.cumsum([0, *(chunk.white.stop - chunk.white.start for chunk in of_cells)])[:-1] - firsts[owners]
+        at = cells + starts[owner.reshape(cells.shape)]
+        parts = [through.of(of_cells)[at] for through in throughs]
+        covariances, checks = zip(*(_group_covariances(block, part) for part in parts), strict=True)
         is_predicted = np.all(checks, axis=0)
         residual = (covariances[-1] @ pull[cells][:, :, None])[:, :, 0]
         scale = 1 / np.sqrt(np.diagonal(block, axis1=1, axis2=2))
@@ -519,7 +695,7 @@ def leave_out(problem: Problem, throughs: Sequence[Array], residuals: Array, gro
             result.distance[row_numbers] = np.maximum(np.einsum("gi,gij,gj->g", white, precision, white), 0.0)
             result.is_predicted[row_numbers] = is_predicted
         # of u and v, left out and white, the covariance is V_u V_vᵀ: the sum of its squares over all pairs is that of ΣVᵀV
-        through, covariance = throughs[0][cells[is_predicted]], covariances[0][is_predicted]
+        through, covariance = parts[0][is_predicted], covariances[0][is_predicted]
         size, weight, spread = cells.shape[1], len(readings), covariance @ through
         products = through @ spread.swapaxes(1, 2)
         shared += weight / np.sqrt(size) * np.tensordot(through, spread, axes=([0, 1], [0, 1]))
@@ -592,29 +768,36 @@ def model_warnings(problem: Problem, fit: Fit, chance: float | None, *, has_prio
         yield Finding("warning", "W_NO_REPEATABILITY", message)
 
 
-def _visit_numbers(problem: Problem) -> Iterator[NDArray[np.bool_]]:
-    """Yield which readings ``(P,)`` were taken at the first visit of their pose, at the second, and so on."""
+def _visit_numbers(problem: Problem) -> NDArray[np.intp]:
+    """Return whether a reading was taken at the first visit of its pose, 0, at the second, and so on, ``(P,)``; -1 for none."""
     number = np.full(len(problem.readings), -1)
     for rows in map(list, problem.stations):
         number[rows] = np.unique(problem.visit[rows], return_inverse=True)[1]
-    yield from (number == k for k in range(number.max() + 1))
+    return number
 
 
 def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     """Return the joint whose error explains residuals best, and the ratio of its squares to the expected ones."""
-    white, leverage = problem.whiten(problem.residuals(fit.z, fit.nuisances)), fit.estimator.leverage_root()
-    count = len(problem.model.chain.joints)
+    count, pull, through = (
+        len(problem.model.chain.joints),
+        problem.precision_times(fit.residuals),
+        fit.throughs(problem)[0],
+    )
     values, expected = np.zeros((2, count))
-    by_error, by_joint = problem.at_means(fit.nuisances)[1], np.zeros((*problem.readings.shape, count))
+    by_error, by_joint = problem.by_error(fit.nuisances), np.zeros((*problem.readings.shape, count))
     for station, places in zip(problem.each_station(), problem.places, strict=True):
         by_joint[places] = by_error[places] @ station.at.posture.joint_jacobian
-    starts = [span.start for span in problem.spans]
-    for visit in _visit_numbers(problem):
-        along = problem.whiten(np.where(visit[:, None, None], by_joint, 0.0))
-        values += (np.add.reduceat(along * white[:, None], starts) ** 2).sum(axis=0)
-        expected += (along**2).sum(axis=0)
-        for joint in range(count):
-            expected[joint] -= (np.add.reduceat(along[:, joint, None] * leverage, starts) ** 2).sum()
+    (rows, columns), visits = problem.numbers, _visit_numbers(problem)
+    for chunk, station in ((chunk, chunk.noise.precision.station) for chunk in problem.chunks):
+        numbers, leverage = (rows[chunk.white], columns[chunk.white]), through.of([chunk])
+        starts = np.flatnonzero(np.diff(station, prepend=-1))
+        for visit in range(visits[chunk.rows].max() + 1):
+            of_visit = np.where(visits[:, None, None] == visit, by_joint, 0.0)
+            along, white = of_visit[numbers], chunk.noise.whiten(of_visit[chunk.rows])
+            values += (np.add.reduceat(along * pull[chunk.white, None], starts) ** 2).sum(axis=0)
+            expected += (white**2).sum(axis=0)
+            for joint in range(count):
+                expected[joint] -= (np.add.reduceat(along[:, joint, None] * leverage, starts) ** 2).sum()
     ratio = values / np.where(expected > 0, expected, np.inf)
     suspect = int(np.argmax(ratio))
     return problem.model.chain.joint_names[suspect], float(ratio[suspect])

@@ -18,7 +18,7 @@ from scipy import stats
 
 from precision_pin.analyses.calibration.causes import Cause, Evidence, labelled
 from precision_pin.analyses.calibration.data import READ, CalibrationData
-from precision_pin.analyses.calibration.fit import LeftOut, leave_out
+from precision_pin.analyses.calibration.fit import LeftOut, Through, leave_out
 from precision_pin.analyses.calibration.noise import LEVEL
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array, Keys, Record
@@ -71,26 +71,30 @@ def find_gains(evidence: Evidence, data: CalibrationData, groups: NDArray[np.int
 
     ``groups`` tell which readings are left out together, ``(P,)``.
     """
-    problem, fit = evidence.problem, evidence.fit
-    root, residuals = fit.local.leverage_root(), problem.whiten(fit.residuals)
-    through_fit, gains = problem.through(root), []
+    problem, fit, reduction = evidence.problem, evidence.fit, evidence.reduction
+    point, local, gains = (fit.z, fit.nuisances), fit.local(reduction, problem.by_z(reduction)), []
+    root, over = local.leverage_root(), fit.over(problem, local)
+    through_fit = problem.through(point, reduction, over)
     before = leave_out(problem, [through_fit], fit.residuals, groups)
 
-    def add(owner: tuple[str, str, bool], extra: Array, white: Array) -> None:
-        through = np.hstack([through_fit, problem.noise.pull(extra)])
-        after = leave_out(problem, [through], problem.noise.colour(white), groups)
+    def add(owner: tuple[str, str, bool], through: Through, residuals: Array) -> None:
+        after = leave_out(problem, [through], residuals, groups)
         if (outcome := _compared(before, after, groups, problem.sizes)) is not None:
             gains.append(CauseGain(*owner, *outcome))
 
     for candidate in evidence.best_of_kinds.values():
         columns = candidate.std * evidence.columns[:, candidate.columns]
         left = columns - root @ (root.T @ columns)
-        triangle = np.linalg.cholesky(np.eye(columns.shape[1]) + columns.T @ left)
-        extra = left @ np.linalg.inv(triangle).T
-        add(evidence.owner(candidate), extra, residuals - extra @ (extra.T @ residuals))
+        inverse = np.linalg.inv(np.linalg.cholesky(np.eye(columns.shape[1]) + columns.T @ left)).T
+        extra = evidence.coefficients(candidate, candidate.std * inverse, -over @ (root.T @ columns @ inverse))
+        chosen, causes = evidence.chosen(candidate)
+        followed = problem.combined(*point, extra @ ((left @ inverse).T @ reduction.white), causes)
+        through = problem.through(point, chosen, over, extra, causes=causes)
+        add(evidence.owner(candidate), through, fit.residuals - followed)
     if data.q_read.size:
-        shift = problem.whiten(_shift_of_read(evidence, data))
-        add((JOINTS_READ, "", True), root[:, :0], residuals - shift + root @ (root.T @ shift))
+        shift = _shift_of_read(evidence, data)
+        followed = problem.combined(*point, over @ through_fit.times(shift)[-over.shape[1] :])
+        add((JOINTS_READ, "", True), through_fit, fit.residuals - shift + followed)
     return sorted(gains, key=lambda entry: entry.after)
 
 
@@ -100,7 +104,7 @@ def _shift_of_read(evidence: Evidence, data: CalibrationData) -> Array:
     given, read = (chain.at_columns(q).pose for q in (data.q, data.q_read))
     turn = np.einsum("ijp,kjp->pik", read[:3, :3], given[:3, :3])
     error = np.hstack([(read - given)[:3, 3].T, se3.log_rotation(np.moveaxis(turn, 0, -1)).T])
-    return np.asarray(np.einsum("pmi,pi->pm", problem.at_means(evidence.fit.nuisances)[1], error))
+    return np.asarray(np.einsum("pmi,pi->pm", problem.by_error(evidence.fit.nuisances), error))
 
 
 def _compared(

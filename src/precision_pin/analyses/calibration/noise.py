@@ -1,12 +1,8 @@
-"""The noise of readings: its covariance is made of one block for each station, and blocks of one size are computed together.
-
-What all stations share is of low rank: R = D + W Wᵀ with the blocks D. With w = D^(-1/2) W in axes in which wᵀ w is diagonal, and
-q² = 1 + wᵀ w, powers of I + w wᵀ are I less or plus ``w diag(c) wᵀ``: c = 1/(q (q + 1)) for -1/2, 1/(q + 1) for 1/2, 1/q² for -1.
-"""
+"""The noise of readings apart from what they share: one block for each station, and blocks of one size are computed together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Final, NamedTuple
 
@@ -17,6 +13,8 @@ from precision_pin.base.arrays import Array
 
 LEVEL: Final = 0.95
 """Probability of the intervals, and of the ellipsoids that left-out readings should be within."""
+_AT_ONCE: Final = 512
+"""Numbers that are reduced at once, at least."""
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns in readings ``(P, m)``."""
 
@@ -48,86 +46,41 @@ class Precision(NamedTuple):
     station: NDArray[np.intp]
 
 
-class Common:
-    """The common part of whitened numbers, ``w`` ``(M, k)``: their covariance is I + w wᵀ."""
-
-    def __init__(self, factors: Array) -> None:
-        values, vectors = np.linalg.eigh(factors.T @ factors)
-        self._w, self._q = factors @ vectors, np.sqrt(1 + np.maximum(values, 0.0))
-
-    def whiten(self, values: Array) -> Array:
-        """Return ``(I + w wᵀ)^(-1/2)`` times numbers ``(M, …)``."""
-        return values - (self._w / (self._q * (self._q + 1))) @ (self._w.T @ values)
-
-    def colour(self, white: Array) -> Array:
-        """Return ``(I + w wᵀ)^(1/2)`` times white numbers: the inverse of :meth:`whiten`."""
-        return white + (self._w / (self._q + 1)) @ (self._w.T @ white)
-
-    @property
-    def precision_root(self) -> Array:
-        """V ``(M, k)`` of ``(I + w wᵀ)⁻¹ = I - V Vᵀ``."""
-        return np.asarray(self._w / self._q)
-
-
 class Noise:
-    """The covariance R of M numbers at stations, given for each block, ``(S, b, b)``, and common factors W ``(P, m, k)``.
+    """The covariance D of M numbers at stations, given for each block, ``(S, b, b)``.
 
-    White numbers ``(M, …)`` have those of a station together, readings are ``(P, m, …)``.
+    White numbers ``(M, …)`` have those of a station together, readings are ``(R, m, …)``.
 
     Raises:
-        numpy.linalg.LinAlgError: R is singular to rounding.
+        numpy.linalg.LinAlgError: D is singular to rounding.
     """
 
-    def __init__(self, shape: tuple[int, ...], blocks: list[Block], covariances: list[Array], common: Array) -> None:
-        self._shape, self._blocks, self._covariances, self._factors = shape, blocks, covariances, common
+    def __init__(self, blocks: list[Block], covariances: list[Array]) -> None:
+        self._blocks, self._covariances = blocks, covariances
         self._roots = [np.asarray(np.linalg.cholesky(covariance), dtype=float) for covariance in covariances]
+        self._count = sum(block.white.size for block in blocks)
 
-    @cached_property
+    @property
     def covariances(self) -> tuple[Array, ...]:
         """Block of each station in D."""
-        return self._by_station(self._covariances)
-
-    @cached_property
-    def roots(self) -> tuple[Array, ...]:
-        """Lower triangular root of each station's block in D."""
-        return self._by_station(self._roots)
-
-    def _by_station(self, stacks: list[Array]) -> tuple[Array, ...]:
         order = np.argsort(np.concatenate([block.stations for block in self._blocks]))
-        matrices = [matrix for stack in stacks for matrix in stack]
+        matrices = [matrix for stack in self._covariances for matrix in stack]
         return tuple(matrices[k] for k in order)
 
     def whiten(self, values: Array) -> Array:
-        """Return ``R^(-1/2)`` times readings."""
-        white = self._by_blocks(values)
-        return white if self._common is None else self._common.whiten(white)
-
-    def _by_blocks(self, values: Array) -> Array:
         """Return ``D^(-1/2)`` times readings."""
-        white = np.empty((sum(block.white.size for block in self._blocks), *values.shape[2:]))
+        white = np.empty((self._count, *values.shape[2:]))
         for block, root in zip(self._blocks, self._roots, strict=True):
             of_block = values[block.places]
             white[block.white] = solve_lower(root, of_block.reshape(*block.white.shape, -1)).reshape(of_block.shape)
         return white
 
-    @cached_property
-    def _common(self) -> Common | None:
-        return Common(self._by_blocks(self._factors)) if self._factors.shape[2] else None
-
-    def colour(self, white: Array) -> Array:
-        """Return ``R^(1/2)`` times white numbers, as readings: the inverse of :meth:`whiten`."""
-        white = white if self._common is None else self._common.colour(white)
-        values = np.zeros((*self._shape, *white.shape[1:]))
-        for block, root in zip(self._blocks, self._roots, strict=True):
-            values[block.places] = np.einsum("sij,sj...->si...", root, white[block.white])
-        return values
-
-    @cached_property
+    @property
     def variances(self) -> Array:
-        """Variance of each number, as readings; zero where none was read."""
-        values = np.zeros(self._shape)
-        for block, root in zip(self._blocks, self._roots, strict=True):
-            values[block.places] = (root**2).sum(axis=2) + (self._factors[block.places] ** 2).sum(axis=-1)
+        """Variance of each number, ``(M,)``."""
+        values = np.empty(self._count)
+        for block, covariance in zip(self._blocks, self._covariances, strict=True):
+            values[block.white] = np.diagonal(covariance, axis1=1, axis2=2)
         return values
 
     @cached_property
@@ -135,33 +88,83 @@ class Noise:
         return [solve_lower(root, np.broadcast_to(np.eye(root.shape[1]), root.shape)) for root in self._roots]
 
     def pull(self, white: Array) -> Array:
-        """Return ``R^(-1/2)ᵀ`` times white numbers, ``(M, …)``."""
-        return self._pull_by_blocks(white if self._common is None else self._common.whiten(white))
-
-    def _pull_by_blocks(self, white: Array) -> Array:
-        """Return ``D^(-1/2)ᵀ`` times white numbers."""
+        """Return ``D^(-1/2)ᵀ`` times white numbers, ``(M, …)``."""
         result = np.empty_like(white)
         for block, inverse in zip(self._blocks, self._inverse_roots, strict=True):
             result[block.white] = np.einsum("sji,sj...->si...", inverse, white[block.white])
         return result
 
     @property
-    def precision_root(self) -> Array:
-        """V ``(M, k)`` of ``R⁻¹ = D⁻¹ - V Vᵀ``."""
-        count = sum(block.white.size for block in self._blocks)
-        return np.zeros((count, 0)) if self._common is None else self._pull_by_blocks(self._common.precision_root)
-
-    @property
     def precision(self) -> Precision:
         """The inverse of D."""
-        count = sum(block.white.size for block in self._blocks)
-        rows = np.zeros((count, max(block.white.shape[1] for block in self._blocks)))
-        result = Precision(rows, np.empty(count, dtype=np.intp), np.empty(count, dtype=np.intp))
+        rows = np.zeros((self._count, max(block.white.shape[1] for block in self._blocks)))
+        result = Precision(rows, np.empty(self._count, dtype=np.intp), np.empty(self._count, dtype=np.intp))
         for block, inverse in zip(self._blocks, self._inverse_roots, strict=True):
             size = inverse.shape[1]
             result.rows[block.white, :size] = inverse.swapaxes(1, 2) @ inverse
             result.place[block.white], result.station[block.white] = np.arange(size), block.stations[:, None]
         return result
+
+
+class Reduction(NamedTuple):
+    """Whitened columns ``[W | N | Z | … | y]`` of M numbers, reduced to the triangle of their QR factors.
+
+    W ``(M, w)`` are what the numbers share, times independent variables of unit variance. These are eliminated: products of the
+    other columns are those with ``(I + W Wᵀ)⁻¹`` between. Numbers in chunks need the memory of one chunk, and keep the digits
+    that normal equations would lose.
+
+    Attributes:
+        rows: The reduced columns after W, ``(R, c)``, with R at most c.
+        nuisances: How many of them are N; the last one is y.
+        shared, coupling: Triangle ``(w, w)`` of W over its unit prior, and the rows ``(w, c)`` beside it.
+        count: M.
+    """
+
+    rows: Array
+    nuisances: int
+    shared: Array
+    coupling: Array
+    count: int
+
+    @classmethod
+    def of(cls, chunks: Iterable[Array], shared: int, nuisances: int) -> Reduction:
+        """Return the reduction of columns that come in chunks ``(m, w + c)``."""
+        triangle, pending, count, size = None, list[Array](), 0, 0
+        for chunk in chunks:
+            triangle = np.eye(shared, chunk.shape[1]) if triangle is None else triangle
+            pending.append(chunk)
+            count, size = count + len(chunk), size + len(chunk)
+            if size >= _AT_ONCE:
+                triangle, pending, size = np.linalg.qr(np.vstack([triangle, *pending]), mode="r"), [], 0
+        assert triangle is not None, "no numbers"
+        triangle = np.linalg.qr(np.vstack([triangle, *pending]), mode="r")
+        first, others = np.split(triangle, [shared])
+        return cls(others[:, shared:], nuisances, first[:, :shared], first[:, shared:], count)
+
+    @property
+    def by_nuisance(self) -> Array:
+        """The columns N."""
+        return self.rows[:, : self.nuisances]
+
+    @property
+    def white(self) -> Array:
+        """The column y."""
+        return self.rows[:, -1]
+
+    def only(self, columns: NDArray[np.intp]) -> Reduction:
+        """Return some of the columns after W, and y."""
+        return self._replace(
+            rows=self.rows[:, [*columns.tolist(), -1]], coupling=self.coupling[:, [*columns.tolist(), -1]]
+        )
+
+    def over(self, coefficients: Array) -> Array:
+        """Return ``(w + c, w + n)`` with which whitened columns ``[W | N | …]`` are Q of ``(I + W Wᵀ)⁻¹ - Q Qᵀ``.
+
+        Of this Q the first are of W, and then ``(I + W Wᵀ)⁻¹ [N | …]`` times ``coefficients``, ``(c, n)``.
+        """
+        inverse, size = np.linalg.inv(self.shared), len(coefficients)
+        top = np.hstack([inverse, -inverse @ self.coupling[:, :size] @ coefficients])
+        return np.vstack([top, np.hstack([np.zeros((size, len(inverse))), coefficients])])
 
 
 def solve_lower(roots: Array, values: Array) -> Array:

@@ -245,10 +245,9 @@ def _evidence(
         robot = _readings(contents, file, measurements_of(model, measurement))
     readings, _, problem = measured_problem(model, robot, measurements_of(model, measurement))
     clean, fit, _ = without_gross_errors(problem, readings, has_prior=True)
-    by_number, by_nuisance = clean.slopes(fit.z, fit.nuisances, plain=True)
-    numbers = (unit.values(fit.z) - unit.mean) / unit.std
-    target = clean.whiten(clean.residuals(fit.z, fit.nuisances)) + by_number @ numbers
-    projected = design.beside(by_number, design.basis_of(by_nuisance))
+    by_number, numbers = clean.by_number(fit.reduction), (unit.values(fit.z) - unit.mean) / unit.std
+    target = fit.reduction.white + by_number @ numbers
+    projected = design.beside(by_number, design.basis_of(fit.reduction.by_nuisance))
     return projected.T @ projected, projected.T @ target
 
 

@@ -5,7 +5,7 @@ A quick fit of the nominal arm finds joint zeros and directions that no toleranc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import combinations, compress, islice, permutations
 from typing import Final, NamedTuple
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.data import CONTACT, CalibrationData
 from precision_pin.analyses.calibration.design import MOST_GROSS, Estimator, Instruments, set_up_of
+from precision_pin.analyses.calibration.noise import Reduction
 from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.base.errors import InputError
@@ -23,25 +24,33 @@ from precision_pin.sheet.measurement import Measurement, written_sums
 
 REWEIGHED: Final = 6
 """Rounds of a reweighted fit; outliers weigh less in each."""
+_AT_ONCE: Final = 512
+"""Readings whose equations are made at once."""
 
 
-def reweighed_sizes(white: Array, by_z: Array, by_nuisance: Array, rows: NDArray[np.intp]) -> Array:
-    """Return the root mean square residual of each reading in a linear fit that is robust against outliers.
+def reweighed_sizes(parts: Callable[[], Iterable[tuple[NDArray[np.intp], Array]]], nuisances: int, count: int) -> Array:
+    """Return the root mean square residual of each reading in a linear fit that is robust against outliers, ``(count,)``.
 
     Weights are those of Huber (1964), whose fit is unique, then their squares, which nearly exclude outliers.
 
     Args:
-        white, by_z, by_nuisance: Whitened numbers ``(M,)`` and their derivatives ``(M, r)``, of unit prior, and ``(M, k)``.
-        rows: The reading of each number, ``(M,)``.
+        parts: Yields, chunk by chunk, the reading of each number ``(m,)``, and columns ``(m, k + r + 1)``: whitened
+            derivatives by the nuisances and by numbers of unit prior, and the whitened number.
+        nuisances, count: k, and the number of readings.
     """
-    counts, weights = np.maximum(np.bincount(rows), 1), np.ones(rows.max() + 1)
+    numbers = sum(np.bincount(rows, minlength=count) for rows, _ in parts())
+    weights = np.ones(count)
     for power in np.repeat([1, 2], 2 * REWEIGHED):
-        root = np.sqrt(weights)[rows]
-        estimator = Estimator.of(root[:, None] * by_z, root[:, None] * by_nuisance, has_prior=True)
-        residuals = white - by_z @ estimator.estimate(root * white, np.zeros(by_z.shape[1]))
-        residuals = residuals - by_nuisance @ estimator.nuisances(root * residuals)
-        sizes = np.sqrt(np.bincount(rows, residuals**2) / counts)
-        weights = np.maximum(1.0, sizes / max(1.0, float(np.median(sizes[np.unique(rows)])))) ** -float(power)
+        roots, squares = np.sqrt(weights), np.zeros(count)
+        reduction = Reduction.of((roots[rows, None] * columns for rows, columns in parts()), 0, nuisances)
+        by_z = reduction.rows[:, nuisances:-1]
+        estimator = Estimator.of(by_z, reduction.by_nuisance, has_prior=True)
+        z = estimator.estimate(reduction.white, np.zeros(by_z.shape[1]))
+        estimates = np.concatenate([estimator.nuisances(reduction.white - by_z @ z), z, [-1.0]])
+        for rows, columns in parts():
+            squares += np.bincount(rows, (columns @ estimates) ** 2, count)
+        sizes = np.sqrt(squares / np.maximum(numbers, 1))
+        weights = np.maximum(1.0, sizes / max(1.0, float(np.median(sizes[numbers > 0])))) ** -float(power)
     return np.asarray(sizes)
 
 
@@ -81,35 +90,52 @@ def _base_and_targets(
     """
     parts = [data.measurements[k] for k in data.part[rows]]
     names = list(dict.fromkeys(part.target_name for part in parts if not part.target_known))
+    target = np.array([-1 if part.target_known else names.index(part.target_name) for part in parts])
     is_free, is_pose = parts[0].base == "free", np.array([part.kind == "pose" for part in parts])
-    shape = (len(rows), 4, 3)
-    vectors, arm, by_target = np.zeros(shape), np.zeros(shape), np.zeros((*shape, len(names), 4, 3))
+    vectors, arm = np.zeros((len(rows), 4, 3)), np.zeros((len(rows), 4, 3))
     vectors[:, 0], arm[:, 0] = data.readings[rows, :3], points
     if is_pose.any():
         vectors[is_pose, 1:] = se3.exp_rotation(data.readings[rows[is_pose], 3:6].T).transpose(2, 1, 0)
-    for k, part in enumerate(parts):
-        if part.target_known:
-            arm[k, 1:] = rotations[k].T
-        else:
-            by_target[k, range(4), :, names.index(part.target_name), range(4)] = -rotations[k]
-    by_base = np.einsum("ab,pjc->pjabc", np.eye(3), vectors).reshape(*shape, 9)
-    others = np.zeros((*shape, 3 * is_free + 12 * len(names)))
-    others[..., 3 * is_free :] = by_target.reshape(*shape, -1)
-    others[:, 0, :, : 3 * is_free] = np.eye(3)[:, : 3 * is_free]
+    arm[target < 0, 1:] = rotations[target < 0].swapaxes(1, 2)
     scale = np.array([1 / part.deviations[[0, -1, -1, -1]] for part in parts])
     scale[~is_pose, 1:] = 0.0
-    weights, minimum, solution = np.ones(len(rows)), np.inf, np.zeros(others.shape[-1])
+    chunks = [slice(k, k + _AT_ONCE) for k in range(0, len(rows), _AT_ONCE)]
+    weights, minimum, solution = np.ones(len(rows)), np.inf, np.zeros(3 * is_free + 12 * len(names))
 
-    def solve(matrix: Array, right: Array) -> Array:
-        root = scale * np.sqrt(weights)[:, None]
-        white = (root[:, :, None, None] * matrix).reshape(-1, matrix.shape[-1])
-        return set_up_of(white, (root[:, :, None] * right).ravel())
+    def others(chunk: slice) -> Array:
+        """Return the coefficients of the shift and the targets, ``(p, 4, 3, c)``."""
+        known = target[chunk]
+        result, is_unknown = np.zeros((len(known), 4, 3, solution.size)), np.flatnonzero(known >= 0)
+        by_target = result[..., 3 * is_free :].reshape(len(known), 4, 3, len(names), 4, 3)
+        for k in range(4):
+            by_target[is_unknown, k, :, known[is_unknown], k] = -rotations[chunk][is_unknown]
+        result[..., 3 * is_free :] = by_target.reshape(len(known), 4, 3, -1)
+        result[:, 0, :, : 3 * is_free] = np.eye(3)[:, : 3 * is_free]
+        return result
+
+    def solve(right: Array, by_base: Callable[[slice], Array] | None = None) -> Array:
+        def white(chunk: slice) -> Array:
+            columns = [others(chunk), right[chunk, :, :, None]]
+            columns = columns if by_base is None else [by_base(chunk), *columns]
+            root = scale[chunk] * np.sqrt(weights[chunk, None])
+            whole = root[:, :, None, None] * np.concatenate(columns, axis=3)
+            return whole.reshape(-1, whole.shape[3])
+
+        reduction = Reduction.of(map(white, chunks), 0, 0)
+        return set_up_of(reduction.rows[:, :-1], reduction.white)
+
+    def by_base(chunk: slice) -> Array:
+        part = vectors[chunk]
+        return np.einsum("ab,pjc->pjabc", np.eye(3), part).reshape(len(part), 4, 3, 9)
+
+    def times(estimate: Array) -> Array:
+        return np.concatenate([others(chunk) @ estimate for chunk in chunks])
 
     for _ in range(REWEIGHED):
         candidates = [np.eye(3)]
         if is_free:
             mass = (scale**2 * weights[:, None])[:, :, None]
-            arm_vectors, read_vectors = arm - others @ solution, vectors.copy()
+            arm_vectors, read_vectors = arm - times(solution), vectors.copy()
             for vector_set in (arm_vectors, read_vectors):  # only positions have shifts
                 vector_set[:, 0] -= np.average(vector_set[:, 0], axis=0, weights=mass[:, 0, 0])
             candidates = [np.einsum("pja,pjb->ab", mass * arm_vectors, read_vectors)]
@@ -117,11 +143,11 @@ def _base_and_targets(
             if sizes[1] <= 1e-6 * sizes[0]:  # collinear or coincident points: the smallest of the rotations that fit
                 candidates[0] += max(1e-6 * sizes[0], np.finfo(float).tiny) * np.eye(3)
             else:
-                candidates.append(solve(np.concatenate([by_base, others], axis=3), arm)[:9].reshape(3, 3))
+                candidates.append(solve(arm, by_base)[:9].reshape(3, 3))
         for rotation in map(se3.nearest_rotation, candidates):
             right = arm - vectors @ rotation.T
-            trial = solve(others, right)
-            squares = ((scale[:, :, None] * (right - others @ trial)) ** 2).sum(axis=(1, 2))
+            trial = solve(right)
+            squares = ((scale[:, :, None] * (right - times(trial))) ** 2).sum(axis=(1, 2))
             if np.median(squares) < minimum:
                 minimum, base_rotation, solution, best_squares = float(np.median(squares)), rotation.T, trial, squares
         weights = 1 / np.sqrt(1 + best_squares / max(minimum, np.finfo(float).tiny))
@@ -173,7 +199,8 @@ def nominal_distance(chain: Chain, data: CalibrationData) -> float:
         slopes.append(instruments.slopes(number, poses[row], np.zeros(6), start).nuisances / part.deviations[:, None])
     rows = np.repeat(np.arange(len(data)), [len(residuals) for residuals in values])
     white, by_nuisance = np.concatenate(values), np.concatenate(slopes)
-    sizes = reweighed_sizes(white, np.zeros((len(white), 0)), by_nuisance, rows)
+    parts = [(rows, np.column_stack([by_nuisance, white]))]
+    sizes = reweighed_sizes(lambda: parts, start.size, len(data))
     return float(np.sqrt(np.mean(np.sort(sizes)[: -int(MOST_GROSS * len(sizes)) or None] ** 2)))
 
 

@@ -18,9 +18,9 @@ import scipy.optimize
 from numpy.typing import NDArray
 from scipy import stats
 
-from precision_pin.analyses.calibration.design import NEGLIGIBLE, Estimator
+from precision_pin.analyses.calibration.design import Estimator, basis_by_columns
 from precision_pin.analyses.calibration.fit import Problem
-from precision_pin.analyses.calibration.noise import LEVEL
+from precision_pin.analyses.calibration.noise import LEVEL, Reduction
 from precision_pin.base.arrays import Array, Keys, Record
 from precision_pin.base.errors import Finding, InputError
 
@@ -53,14 +53,19 @@ class EstimatedStd(Record):
     of_all: float
 
 
+StdBlock = tuple[Array, Array, Array]
+"""F, D² of each kind, and columns of some numbers, as of :class:`Likelihood`."""
+
+
 class Likelihood:
     """-2 ln of the restricted likelihood of factors, one for each kind of deviation.
 
-    ``blocks`` are for each station F ``(b, b)``, D² of each kind ``(g, b, b)`` and the columns ``[H, N, y]``, ``(b, r + k + 1)``,
-    of which the first ``random`` are H. The columns of N are independent.
+    ``blocks`` are for each station F ``(b, b)``, D² of each kind ``(g, b, b)`` and columns ``[H, N, y]``, ``(b, r + k + 1)``, of
+    which the first ``random`` are H. The columns of N are independent. ``empty`` ``(g,)`` are further numbers of each kind, whose
+    columns are zero.
     """
 
-    def __init__(self, blocks: list[tuple[Array, Array, Array]], random: int) -> None:
+    def __init__(self, blocks: list[StdBlock], random: int, empty: Array | None = None) -> None:
         sizes = sorted({len(block[0]) for block in blocks})
         self._stacks = [
             tuple(np.array(part) for part in zip(*(block for block in blocks if len(block[0]) == size), strict=True))
@@ -69,6 +74,7 @@ class Likelihood:
         width = blocks[0][2].shape[1]
         self._prior = np.eye(random, width)
         self.kinds = len(blocks[0][1])
+        self._empty = np.zeros(self.kinds) if empty is None else empty
 
     def _white(self, logs: Array) -> list[tuple[Array, Array]]:
         """Return the roots of the noise and the columns over them, for each size of block."""
@@ -87,6 +93,7 @@ class Likelihood:
         rows = [part.reshape(-1, part.shape[2]) for _, part in white]
         diagonal = np.abs(np.diag(np.linalg.qr(np.vstack([*rows, self._prior]), mode="r")))
         of_noise = sum(float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum()) for root, _ in white)
+        of_noise += float(self._empty @ logs)
         return 2 * of_noise + 2 * float(np.log(diagonal[:-1]).sum()) + float(diagonal[-1] ** 2)
 
     def information(self, logs: Array) -> Array:
@@ -94,7 +101,7 @@ class Likelihood:
         white = self._white(logs)
         rows = [part.reshape(-1, part.shape[2]) for _, part in white]
         basis = np.linalg.qr(np.vstack([*rows, self._prior])[:, :-1])[0]
-        result, offset = np.zeros(self.kinds), 0
+        result, offset = self._empty.copy(), 0
         cross = np.zeros((self.kinds, basis.shape[1], basis.shape[1]))
         for (root, columns), (_, per_kind, _) in zip(white, self._stacks, strict=True):
             count = root.shape[0] * root.shape[1]
@@ -157,13 +164,20 @@ def estimate_std(
     problem: Problem, z: Array, nuisances: Array, kinds: Mapping[str, NDArray[np.bool_]], *, has_prior: bool
 ) -> dict[str, tuple[float, EstimatedStd]]:
     """Return the factor on the stated deviation, and the estimate, of each kind; ``kinds`` name masks ``(P, m)`` of numbers."""
-    blocks, random = _blocks(problem, z, nuisances, list(kinds.values()), has_prior=has_prior)
-    shared = problem.common.shape[2]
+    masks, shared = list(kinds.values()), problem.common.shape[2]
+    change, random = _columns(problem, z, nuisances, has_prior=has_prior)
     repeats = [
-        block for block in (_differences(*pair, shared) for pair in zip(blocks, problem.labels, strict=True)) if block
+        block
+        for station, labels in zip(_stations(problem, z, nuisances, change, masks), problem.labels, strict=True)
+        if np.unique(labels).size < labels.size
+        for block in [_differences(station, labels, shared)]
     ]
-    maximum = _largest(blocks, random)
-    full = Likelihood([block[:3] for block in blocks], random)
+    if any(scope.any() for scope in problem.evaluation.at_means[1].values()):
+        blocks, empty = list(_stations(problem, z, nuisances, change, masks)), np.zeros(len(masks))
+    else:
+        blocks, empty = _reduced(problem, z, nuisances, change, masks)
+    maximum = _largest(blocks, random, int(empty.sum()))
+    full = Likelihood(blocks, random, empty)
     of_all, bounds = largest_likelihood(full, maximum)
     estimates = [(of_all, bounds, full.information(of_all), "all readings")] * len(kinds)
     if repeats:
@@ -179,32 +193,67 @@ def estimate_std(
     return result
 
 
-def _blocks(
-    problem: Problem, z: Array, nuisances: Array, masks: list[NDArray[np.bool_]], *, has_prior: bool
-) -> tuple[list[tuple[Array, Array, Array]], int]:
-    """Return the blocks of :class:`Likelihood`, and the number of random columns, first those of what readings share."""
-    by_z, fixed_columns = problem.slopes(z, nuisances)
+def _columns(problem: Problem, z: Array, nuisances: Array, *, has_prior: bool) -> tuple[Array, int]:
+    """Return coefficients ``(c, n)`` of :meth:`Problem.columns` for those of :class:`Likelihood`, and how many are random.
+
+    First are those of what readings share.
+    """
+    reduction, shared = problem.reduce(z, nuisances), problem.common.shape[2]
+    set_up, by_z = reduction.nuisances, problem.by_z(reduction)
+    basis = by_z.T[:, :0]
     if not has_prior:
-        fixed_columns = np.hstack([fixed_columns, by_z @ Estimator.of(by_z, fixed_columns, has_prior=False).basis])
+        basis = Estimator.of(by_z, reduction.by_nuisance, has_prior=False).basis
+    fixed = basis_by_columns(np.hstack([reduction.by_nuisance, by_z @ basis]))[1]
     low, high = problem.bounds
     is_free = (low < z) & (z < high)  # a number at the bound of its law does not follow the readings
-    by_z = by_z[:, is_free]
-    readings = problem.whiten(problem.residuals(z, nuisances)) + by_z @ z[is_free]
-    lengths = np.linalg.norm(fixed_columns, axis=0)
-    basis, values, _ = np.linalg.svd(fixed_columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
-    basis = basis[:, : int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())]
-    random = np.hstack([problem.whiten(problem.common), by_z if has_prior else by_z[:, :0]])
-    columns, blocks = problem.noise.colour(np.hstack([random, basis, readings[:, None]])), []
-    for places, noise in zip(problem.places, problem.noise.covariances, strict=True):
-        instrument = problem.instrument_at(places)
-        per_kind = np.array([instrument * np.outer(mask[places], mask[places]) for mask in masks])
-        blocks.append((noise - per_kind.sum(axis=0), per_kind, columns[places]))
-    return blocks, random.shape[1]
+    of_z = np.eye(set_up + z.size)[:, set_up:][:, is_free]
+    random = of_z if has_prior else of_z[:, :0]
+    others = [random, scipy.linalg.block_diag(np.eye(set_up), basis) @ fixed, of_z @ z[is_free, None]]
+    change = scipy.linalg.block_diag(np.eye(shared), problem.over_numbers(np.hstack(others)))
+    return np.vstack([change, np.eye(1, change.shape[1], change.shape[1] - 1)]), shared + random.shape[1]
 
 
-def _differences(
-    block: tuple[Array, Array, Array], labels: NDArray[np.intp], shared: int
-) -> tuple[Array, Array, Array] | None:
+def _stations(
+    problem: Problem, z: Array, nuisances: Array, change: Array, masks: list[NDArray[np.bool_]]
+) -> Iterator[StdBlock]:
+    """Yield the block of each station."""
+    all_places = iter(problem.places)
+    for chunk, columns in problem.columns(z, nuisances):
+        of_numbers, first = problem.flat(chunk, columns) @ change, 0
+        for noise, places in zip(chunk.noise.covariances, all_places, strict=False):
+            instrument = problem.instrument_at(places)
+            per_kind = np.array([instrument * np.outer(mask[places], mask[places]) for mask in masks])
+            yield noise - per_kind.sum(axis=0), per_kind, of_numbers[first : first + len(noise)]
+            first += len(noise)
+
+
+def _reduced(
+    problem: Problem, z: Array, nuisances: Array, change: Array, masks: list[NDArray[np.bool_]]
+) -> tuple[list[StdBlock], Array]:
+    """Return the numbers of each kind reduced, where the instrument alone makes noise, and how many are empty then, ``(g,)``.
+
+    White numbers of one kind have one variance, whatever the factor is, so that orthogonal factors change no likelihood.
+    """
+    kind_of_number = np.full(problem.readings.shape, len(masks))
+    for kind, mask in enumerate(masks):
+        kind_of_number[mask] = kind
+    blocks, empty = list[StdBlock](), np.zeros(len(masks))
+    for kind in np.unique(kind_of_number[problem.numbers]).tolist():
+
+        def chunks(kind: int = kind) -> Iterator[Array]:
+            for chunk, columns in problem.columns(z, nuisances):
+                is_of_kind = problem.flat(chunk, kind_of_number[chunk.rows]) == kind
+                yield chunk.noise.whiten(columns @ change)[is_of_kind]
+
+        reduction = Reduction.of(chunks(), 0, 0)
+        unit, per_kind = np.eye(len(reduction.rows)), np.zeros((len(masks), *[len(reduction.rows)] * 2))
+        if kind < len(masks):
+            per_kind[kind], empty[kind] = unit, reduction.count - len(unit)
+        blocks.append((unit - per_kind.sum(axis=0), per_kind, reduction.rows))
+    return blocks, empty
+
+
+def _differences(block: StdBlock, labels: NDArray[np.intp], shared: int) -> StdBlock:
     """Return the block of the differences of equal numbers at one pose, which neither the arm nor the set-up changes.
 
     Of its random columns the first, ``shared``, stay.
@@ -217,18 +266,17 @@ def _differences(
         rows.append(contrasts)
     change = np.concatenate(rows)
     remaining = change @ np.hstack([columns[:, :shared], columns[:, -1:]])
-    result = change @ fixed_noise @ change.T, change @ per_kind @ change.T, remaining
-    return result if len(change) else None
+    return change @ fixed_noise @ change.T, change @ per_kind @ change.T, remaining
 
 
-def _largest(blocks: list[tuple[Array, Array, Array]], random: int) -> float:
+def _largest(blocks: list[StdBlock], random: int, empty: int) -> float:
     """Return the logarithm of an upper bound: three times the factor that attributes all readings to noise."""
     scale = np.concatenate([np.sqrt(np.diag(per_kind.sum(axis=0))) for _, per_kind, _ in blocks])
     is_varied = scale > 0
     columns = np.concatenate([block[2] for block in blocks])[is_varied] / scale[is_varied, None]
     fixed_columns, readings = columns[:, random:-1], columns[:, -1]
     residual = readings - fixed_columns @ np.linalg.lstsq(fixed_columns, readings, rcond=None)[0]
-    size = float(np.sqrt((residual**2).mean()))
+    size = float(np.sqrt((residual**2).sum() / (len(residual) + empty)))
     if not size > 0:
         raise InputError(
             "the readings are those of the sheet's means to the last digit; no std can be estimated from them"
