@@ -132,7 +132,7 @@ def test_a_reduction_is_that_of_the_whole(count):
     w, others = columns[:, :3], columns[:, 3:]
     inverse = np.eye(count) - w @ np.linalg.solve(np.eye(3) + w.T @ w, w.T)
     check_close(reduction.rows.T @ reduction.rows, others.T @ inverse @ others)
-    assert (reduction.count, len(reduction.rows)) == (count, min(count, 7))
+    assert (reduction.size, len(reduction.rows)) == (count, min(count, 7))
     check_close(np.column_stack([reduction.by_nuisance, reduction.white]), reduction.rows[:, [0, 1, -1]])
     coefficients = np.random.default_rng(11).normal(size=(5, 4))
     through = columns[:, :8] @ reduction.over(coefficients)

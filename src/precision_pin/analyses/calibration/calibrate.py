@@ -701,7 +701,7 @@ class SetUpAlone(NamedTuple):
             estimator = design.Estimator.of(no_columns, reduction.by_nuisance, has_prior=False, basis=np.zeros((0, 0)))
             step = estimator.nuisances(reduction.white)
             change, size = (float(np.linalg.norm(part)) for part in (reduction.by_nuisance @ step, reduction.white))
-            if change < _SETTLED * (reduction.count**0.5 + size):
+            if change < _SETTLED * (reduction.size**0.5 + size):
                 break
             nuisances = nuisances + step
         through = problem.through((z, nuisances), reduction, estimator.root_by_columns)

@@ -295,7 +295,7 @@ class Evidence:
         is_usable[new:] &= squares[new:] > _UNSEEN
         is_usable[:new] &= (gram[:new, new:] ** 2 <= _KNOWN**2 * np.outer(squares[:new], squares[new:])).all(axis=1)
         labels = [*causes.labels, *((TOLERANCE, name, "prior std") for name in problem.unit.names)]
-        total, degrees = float(readings @ residuals), reduction.count - estimator.nuisance_rank
+        total, degrees = float(readings @ residuals), reduction.size - estimator.nuisance_rank
         ranked = rank((columns.T @ residuals, information, total, degrees, known), labels, is_usable)
         over = problem.over_numbers(over)
         return cls(problem, fit, causes, reduction, columns, labels, root, over, *ranked)

@@ -513,7 +513,8 @@ class LeftOut(NamedTuple):
     def empty(cls, problem: Problem) -> LeftOut:
         """Return zeros for all readings."""
         count, size = problem.readings.shape
-        return cls(*np.zeros((2, count, size)), np.zeros(count), np.zeros(count, dtype=bool), 0.0)
+        values, std = np.zeros((2, count, size))
+        return cls(values, std, np.zeros(count), np.zeros(count, dtype=bool), 0.0)
 
 
 class Consensus(NamedTuple):
@@ -620,7 +621,7 @@ class Descent:
 
     def _step(self) -> None:
         self.steps += 1
-        z, nuisances, white, count = self._z, self._nuisances, self._reduction.white, self._reduction.count
+        z, nuisances, white, count = self._z, self._nuisances, self._reduction.white, self._reduction.size
         estimator = self._estimator(self._reduction, self._basis)
         new_z = estimator.estimate(white, z, *self.problem.bounds)
         z_step = new_z - z
@@ -647,7 +648,7 @@ class Descent:
         problem, z, nuisances, reduction, cost = self.problem, self._z, self._nuisances, self._reduction, self._cost
         estimator = self._estimator(reduction, self._basis)
         residuals = problem.residuals(z, nuisances)
-        degrees = reduction.count - estimator.nuisance_rank - (0 if self.has_prior else estimator.basis.shape[1])
+        degrees = reduction.size - estimator.nuisance_rank - (0 if self.has_prior else estimator.basis.shape[1])
         is_free = np.ones(z.size, dtype=bool)
         if self.has_prior and problem.unit.is_independent:
             low, high = problem.bounds
@@ -660,7 +661,7 @@ class Descent:
         return fit._replace(left_out=left_out)
 
 
-def leave_out(problem: Problem, throughs: Sequence[Array], residuals: Array, groups: NDArray[np.intp]) -> LeftOut:
+def leave_out(problem: Problem, throughs: Sequence[Through], residuals: Array, groups: NDArray[np.intp]) -> LeftOut:
     """Return readings less the prediction of a fit without their group, from residuals ``(P, m)`` and groups ``(P,)``.
 
     With T of :class:`Through`, those of a group are the inverse of its block of R⁻¹ = D⁻¹ - T Tᵀ times its rows of R⁻¹ r, and
@@ -778,22 +779,22 @@ def _visit_numbers(problem: Problem) -> NDArray[np.intp]:
 
 def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
     """Return the joint whose error explains residuals best, and the ratio of its squares to the expected ones."""
-    count, pull, through = (
+    count, pull, (through, *_) = (
         len(problem.model.chain.joints),
         problem.precision_times(fit.residuals),
-        fit.throughs(problem)[0],
+        fit.throughs(problem),
     )
     values, expected = np.zeros((2, count))
     by_error, by_joint = problem.by_error(fit.nuisances), np.zeros((*problem.readings.shape, count))
     for station, places in zip(problem.each_station(), problem.places, strict=True):
         by_joint[places] = by_error[places] @ station.at.posture.joint_jacobian
-    (rows, columns), visits = problem.numbers, _visit_numbers(problem)
-    for chunk, station in ((chunk, chunk.noise.precision.station) for chunk in problem.chunks):
-        numbers, leverage = (rows[chunk.white], columns[chunk.white]), through.of([chunk])
-        starts = np.flatnonzero(np.diff(station, prepend=-1))
-        for visit in range(visits[chunk.rows].max() + 1):
-            of_visit = np.where(visits[:, None, None] == visit, by_joint, 0.0)
-            along, white = of_visit[numbers], chunk.noise.whiten(of_visit[chunk.rows])
+    visits = _visit_numbers(problem)
+    for chunk in problem.chunks:
+        leverage, of_chunk, visit_numbers = through.of([chunk]), by_joint[chunk.rows], visits[chunk.rows, None, None]
+        starts = np.flatnonzero(np.diff(chunk.noise.precision.station, prepend=-1))
+        for visit in range(visit_numbers.max() + 1):
+            of_visit = np.where(visit_numbers == visit, of_chunk, 0.0)
+            along, white = problem.flat(chunk, of_visit), chunk.noise.whiten(of_visit)
             values += (np.add.reduceat(along * pull[chunk.white, None], starts) ** 2).sum(axis=0)
             expected += (white**2).sum(axis=0)
             for joint in range(count):

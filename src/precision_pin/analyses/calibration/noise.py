@@ -117,29 +117,28 @@ class Reduction(NamedTuple):
         rows: The reduced columns after W, ``(R, c)``, with R at most c.
         nuisances: How many of them are N; the last one is y.
         shared, coupling: Triangle ``(w, w)`` of W over its unit prior, and the rows ``(w, c)`` beside it.
-        count: M.
+        size: M.
     """
 
     rows: Array
     nuisances: int
     shared: Array
     coupling: Array
-    count: int
+    size: int
 
     @classmethod
     def of(cls, chunks: Iterable[Array], shared: int, nuisances: int) -> Reduction:
         """Return the reduction of columns that come in chunks ``(m, w + c)``."""
-        triangle, pending, count, size = None, list[Array](), 0, 0
+        triangle, pending, size = np.zeros((0, 0)), list[Array](), 0
         for chunk in chunks:
-            triangle = np.eye(shared, chunk.shape[1]) if triangle is None else triangle
+            triangle = triangle if size else np.eye(shared, chunk.shape[1])
             pending.append(chunk)
-            count, size = count + len(chunk), size + len(chunk)
-            if size >= _AT_ONCE:
-                triangle, pending, size = np.linalg.qr(np.vstack([triangle, *pending]), mode="r"), [], 0
-        assert triangle is not None, "no numbers"
-        triangle = np.linalg.qr(np.vstack([triangle, *pending]), mode="r")
+            size += len(chunk)
+            if sum(map(len, pending)) >= _AT_ONCE:
+                triangle, pending = np.asarray(np.linalg.qr(np.vstack([triangle, *pending]), mode="r")), []
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, *pending]), mode="r"))
         first, others = np.split(triangle, [shared])
-        return cls(others[:, shared:], nuisances, first[:, :shared], first[:, shared:], count)
+        return cls(others[:, shared:], nuisances, first[:, :shared], first[:, shared:], size)
 
     @property
     def by_nuisance(self) -> Array:

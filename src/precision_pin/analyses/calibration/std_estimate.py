@@ -248,7 +248,7 @@ def _reduced(
         reduction = Reduction.of(chunks(), 0, 0)
         unit, per_kind = np.eye(len(reduction.rows)), np.zeros((len(masks), *[len(reduction.rows)] * 2))
         if kind < len(masks):
-            per_kind[kind], empty[kind] = unit, reduction.count - len(unit)
+            per_kind[kind], empty[kind] = unit, reduction.size - len(unit)
         blocks.append((unit - per_kind.sum(axis=0), per_kind, reduction.rows))
     return blocks, empty
 
