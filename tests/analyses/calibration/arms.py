@@ -63,7 +63,7 @@ def dense(problem, z, nuisances, causes=None):
     pairs = list(problem.columns(z, nuisances, causes))
     covariances = [covariance for chunk, _ in pairs for covariance in chunk.noise.covariances]
     columns = np.vstack([problem.flat(*pair) for pair in pairs])
-    shared, further = problem.common.shape[2], nuisances.size + problem.unit.columns.size
+    shared, further = problem.common.size, nuisances.size + problem.unit.columns.size
     noise = scipy.linalg.block_diag(*covariances) + columns[:, :shared] @ columns[:, :shared].T
     white = np.linalg.solve(np.linalg.cholesky(noise), columns[:, shared:])
     by_nuisance, by_number, more, residuals = np.split(white, [nuisances.size, further, -1], axis=1)

@@ -88,7 +88,7 @@ def test_what_remains_of_a_walk_is_that_of_dense_covariances():
         # readings between two knots share a bridge, of a quarter of the variance from knot to knot, that is left out
         tolerance = 1e-9 if count == MOST_KNOTS else RATE * (times[3:] - times[:-3]).max() / 4 / covariance.max()
         for axis in range(3):
-            found = left.factors[:, axis] @ left.factors[:, axis].T + np.diag(left.own)
+            found = left.steps.factors[:, axis] @ left.steps.factors[:, axis].T + np.diag(left.steps.own)
             np.testing.assert_allclose(found, covariance, rtol=0, atol=tolerance * covariance.max())
         np.testing.assert_allclose(left.mean, weights @ points, atol=tolerance * np.abs(weights @ points).max())
     # what the walk does between knots is an error of each target's reading: never less is left than by the whole covariance
@@ -97,10 +97,10 @@ def test_what_remains_of_a_walk_is_that_of_dense_covariances():
     assert (remainder(RATE, times[~is_fixed], quiet).std ** 2 > 0.999 * np.diag(covariance)[:, None]).all()
     free = Session.of(times[~is_fixed], fixed, Drift(40e-6, 3600.0), is_free=True).left
     np.testing.assert_allclose(free.mean, left.mean - left.mean.mean(axis=0), atol=1e-15)
-    np.testing.assert_allclose(free.factors, left.factors - left.factors.mean(axis=0), atol=1e-15)
+    np.testing.assert_allclose(free.steps.factors, left.steps.factors - left.steps.factors.mean(axis=0), atol=1e-15)
     (steps,) = steps_of(RATE, np.full(4, 7.0))  # one time: nothing moves
     assert steps.factors.shape == (4, 0)
-    assert not remainder(0.0, times, fixed).factors.size
+    assert not remainder(0.0, times, fixed).steps.factors.size
 
 
 def test_what_will_remain_is_that_of_targets_read_with_the_noise_of_the_instrument():
@@ -110,9 +110,9 @@ def test_what_will_remain_is_that_of_targets_read_with_the_noise_of_the_instrume
     for is_free, covariance in ((False, expected), (True, about_mean @ expected @ about_mean)):
         left = drift_ahead(drift, 20, STD, is_free=is_free)
         assert not left.mean.any()
-        assert not left.own.any()
+        assert not left.steps.own.any()
         for axis in range(3):
-            found = left.factors[:, axis] @ left.factors[:, axis].T
+            found = left.steps.factors[:, axis] @ left.steps.factors[:, axis].T
             np.testing.assert_allclose(found, covariance, rtol=0, atol=1e-12 * expected.max())
 
 
@@ -234,8 +234,8 @@ def test_left_out_readings_follow_from_the_others_with_what_all_share(tmp_path):
     z = np.array([fit.posterior.mean[name] for name in fit.posterior.names]) / 1e-3
     seen = dense(problem, z, np.zeros(0))
     by_z = np.linalg.cholesky(seen.noise) @ seen.by_z
-    factors = data.sessions[0].left.factors.reshape(90, -1)
-    noise = factors @ factors.T + np.diag(np.repeat(data.sessions[0].left.own + STD**2, 3))
+    factors = data.sessions[0].left.steps.factors.reshape(90, -1)
+    noise = factors @ factors.T + np.diag(np.repeat(data.sessions[0].left.steps.own + STD**2, 3))
     residuals = problem.residuals(z, np.zeros(0))
     whole, start = noise + by_z @ by_z.T, residuals.ravel() + by_z @ z
     for row in (0, 7, 29):

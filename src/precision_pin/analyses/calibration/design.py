@@ -159,8 +159,8 @@ class ReadingsAhead(NamedTuple):
         """Return the derivatives ``(M, r)`` and ``(M, k)`` where some readings are taken in this order, with the drift then."""
         if (left := self._left(len(rows))) is None:
             return flat(self.by_z[rows]), flat(self.by_nuisance[rows])
-        by_z, by_nuisance, by_shift = self._scattered(rows, left.own)
-        columns = [flat(stack) for stack in (by_shift @ left.factors, by_nuisance, by_z)]
+        by_z, by_nuisance, by_shift = self._scattered(rows, left.steps.own)
+        columns = [flat(stack) for stack in (by_shift @ left.steps.factors, by_nuisance, by_z)]
         reduction = Reduction.of([np.hstack(columns)], columns[0].shape[1], columns[1].shape[1])
         return reduction.rows[:, reduction.nuisances :], reduction.by_nuisance
 

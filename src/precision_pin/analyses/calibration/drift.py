@@ -37,6 +37,8 @@ FALSE_DRIFT: Final = 0.01
 """Probability that a drift is found where there is none."""
 _TOUCHED: Final = (1e-6, FALSE_DRIFT)
 """Probabilities of as much drift by all targets, at most, and without the one that moved by itself, at least."""
+_AT_ONCE: Final = 512
+"""Readings whose factors are in memory at once."""
 _UNSEEN: Final = 1e-9
 """Share of the largest information below which numbers tell nothing of the walk."""
 _RATES: Final = (1e-8, 1e12)
@@ -87,10 +89,28 @@ NO_FIXED_READINGS: Final = FixedReadings(np.zeros(0), np.zeros(0, dtype=np.intp)
 
 
 class Steps(NamedTuple):
-    """A walk at times ``(N,)`` as ``factors`` ``(N, K)`` times independent steps, and the variance ``(N,)`` of its own part."""
+    """A walk at times ``(N,)``: at knots it is ``walk`` ``(K, …, k)`` times independent steps, and on a line between these.
 
-    factors: Array
+    ``before`` and ``share`` ``(N,)`` tell the knot before a time and how far the next one is reached, ``own`` ``(N,)`` is the
+    variance of the walk about the line.
+    """
+
+    walk: Array
+    before: NDArray[np.intp]
+    share: Array
     own: Array
+
+    def of(self, rows: NDArray[np.intp]) -> Array:
+        """Return the factors of the steps at some times, ``(R, …, k)``."""
+        before, share = self.before[rows], self.share[rows].reshape(-1, *[1] * (self.walk.ndim - 1))
+        return np.asarray(
+            (1 - share) * self.walk[before] + share * self.walk[np.minimum(before + 1, len(self.walk) - 1)]
+        )
+
+    @property
+    def factors(self) -> Array:
+        """The factors at all times, ``(N, …, k)``."""
+        return self.of(np.arange(self.own.size))
 
 
 def steps_of(rate: float, times: Array, *others: Array) -> list[Steps]:
@@ -106,43 +126,48 @@ def steps_of(rate: float, times: Array, *others: Array) -> list[Steps]:
         before = np.maximum(after - 1, 0)
         length = np.where(after > before, knots[after] - knots[before], 1.0)
         share = (asked - knots[before]) / length
-        factors = (1 - share)[:, None] * walk[before] + share[:, None] * walk[after]
-        result.append(Steps(factors, rate * length * share * (1 - share)))
+        result.append(Steps(walk, before, share, rate * length * share * (1 - share)))
     return result
 
 
+def _in_parts(count: int) -> list[NDArray[np.intp]]:
+    """Return the numbers below ``count`` in parts: the factors of all readings would fill the memory."""
+    return np.array_split(np.arange(count), -(-count // _AT_ONCE))
+
+
 class Remainder(NamedTuple):
-    """A walk of which targets tell the mean ``(N, 3)``: the rest has ``factors`` ``(N, 3, k)`` and variances ``own`` ``(N,)``."""
+    """A walk of which targets tell the mean ``(N, 3)``: the rest has ``steps``, of factors ``(N, 3, k)``."""
 
     mean: Array
-    factors: Array
-    own: Array
+    steps: Steps
 
     def about_its_mean(self) -> Remainder:
         """Return the walk less its mean over the readings, which a free base has in it."""
-        return Remainder(self.mean - self.mean.mean(axis=0), self.factors - self.factors.mean(axis=0), self.own)
+        mean = sum(self.steps.of(rows).sum(axis=0) for rows in _in_parts(len(self.mean))) / len(self.mean)
+        return Remainder(self.mean - self.mean.mean(axis=0), self.steps._replace(walk=self.steps.walk - mean))
 
     @property
     def std(self) -> Array:
         """Standard deviation of what remains along each axis, ``(N, 3)``."""
-        return np.asarray(np.sqrt((self.factors**2).sum(axis=2) + self.own[:, None]))
+        variances = [(self.steps.of(rows) ** 2).sum(axis=2) for rows in _in_parts(len(self.mean))]
+        return np.asarray(np.sqrt(np.concatenate(variances) + self.steps.own[:, None]))
 
 
 def remainder(rate: float, times: Array, fixed: FixedReadings) -> Remainder:
     """Return a walk of variance ``rate`` at times ``(N,)``, given the readings of fixed targets, in the axes of these."""
-    if not rate:
-        return Remainder(np.zeros((times.size, 3)), np.zeros((times.size, 3, 0)), np.zeros(times.size))
     of_arm, of_fixed = steps_of(rate, times, fixed.times)
-    count = 3 * of_arm.factors.shape[1]
-    factors = np.einsum("nk,ij->nikj", of_arm.factors, np.eye(3)).reshape(times.size, 3, count)
+    if not rate:
+        return Remainder(np.zeros((times.size, 3)), of_arm._replace(walk=np.zeros((len(of_arm.walk), 3, 0))))
+    count = 3 * of_arm.walk.shape[1]
+    walk = np.einsum("nk,ij->nikj", of_arm.walk, np.eye(3)).reshape(-1, 3, count)
     if not fixed.times.size:
-        return Remainder(np.zeros((times.size, 3)), factors, of_arm.own)
+        return Remainder(np.zeros((times.size, 3)), of_arm._replace(walk=walk))
     own = of_fixed.own[:, None, None] * np.eye(3)
     white, slopes = fixed._replace(covariances=fixed.covariances + own).white(of_fixed.factors)
     root = np.linalg.cholesky(np.eye(count) + slopes.T @ slopes)
-    mean = factors @ scipy.linalg.cho_solve((root, True), slopes.T @ white)
-    left = scipy.linalg.solve_triangular(root, factors.reshape(-1, count).T, lower=True).T
-    return Remainder(mean, left.reshape(factors.shape), of_arm.own)
+    mean = of_arm._replace(walk=walk @ scipy.linalg.cho_solve((root, True), slopes.T @ white)).factors
+    left = scipy.linalg.solve_triangular(root, walk.reshape(-1, count).T, lower=True).T
+    return Remainder(mean, of_arm._replace(walk=left.reshape(walk.shape)))
 
 
 def drift_ahead(drift: Drift, count: int, std: float, *, is_free: bool) -> Remainder:
@@ -270,14 +295,33 @@ class Session(Record):
         return replace(self, rows=self.rows + offset)
 
 
-def common_factors(sessions: Sequence[Session], shape: tuple[int, int], rotations: Array) -> Array:
-    """Return the factors ``(P, m, k)`` of readings ``(P, m)`` in base axes, for their rotations ``(P, 3, 3)`` to the base."""
-    widths = [session.left.factors.shape[2] for session in sessions]
-    result, first = np.zeros((*shape, sum(widths))), 0
-    for session, width in zip(sessions, widths, strict=True):
-        result[session.rows, :3, first : first + width] = rotations[session.rows] @ session.left.factors
-        first += width
-    return result
+class CommonFactors(NamedTuple):
+    """Factors of what readings of ``width`` numbers share, in base axes, for their rotations ``(P, 3, 3)`` to the base."""
+
+    sessions: tuple[Session, ...]
+    width: int
+    rotations: Array
+
+    @property
+    def size(self) -> int:
+        """How many variables they share."""
+        return sum(session.left.steps.walk.shape[2] for session in self.sessions)
+
+    def of(self, rows: NDArray[np.intp]) -> Array:
+        """Return the factors of some readings, ``(R, m, k)``."""
+        result, first = np.zeros((len(rows), self.width, self.size)), 0
+        for session in self.sessions:
+            at, size = np.flatnonzero(np.isin(rows, session.rows)), session.left.steps.walk.shape[2]
+            factors = session.left.steps.of(np.searchsorted(session.rows, rows[at]))
+            result[at, :3, first : first + size] = self.rotations[rows[at]] @ factors
+            first += size
+        return result
+
+    @property
+    def covariances(self) -> Array:
+        """Covariance of each reading by what they share, ``(P, m, m)``."""
+        factors = map(self.of, _in_parts(len(self.rotations)))
+        return np.concatenate([part @ part.swapaxes(1, 2) for part in factors])
 
 
 def drift_warnings(sessions: Sequence[Session]) -> Iterator[Finding]:

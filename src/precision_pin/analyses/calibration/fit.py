@@ -27,7 +27,7 @@ from precision_pin.analyses.calibration.design import (
     stations_of_data,
     without,
 )
-from precision_pin.analyses.calibration.drift import common_factors
+from precision_pin.analyses.calibration.drift import CommonFactors
 from precision_pin.analyses.calibration.evaluation import Evaluation
 from precision_pin.analyses.calibration.instrument import instrument_covariance
 from precision_pin.analyses.calibration.noise import Noise, Places, Precision, Reduction, blocks_of
@@ -79,7 +79,7 @@ class Problem:
         visit: Readings of one visit were taken together, ``(P,)``.
         start: First nuisances, ``(k,)``.
         evaluation: The model at all stations, also at those that :meth:`without` omits.
-        common: Factors ``(P, m, k)`` of what readings share, in their axes: what remains of the instrument's drift.
+        common: Factors of what readings share, in their axes: what remains of the instrument's drift.
     """
 
     model: ErrorModel
@@ -92,7 +92,7 @@ class Problem:
     visit: NDArray[np.intp]
     start: Array
     evaluation: Evaluation
-    common: Array
+    common: CommonFactors
 
     @classmethod
     def of(cls, model: ErrorModel, data: CalibrationData) -> tuple[Problem, tuple[Array, ...]]:
@@ -106,7 +106,7 @@ class Problem:
         readings = readings_in_base(data, poses, bases)
         noise = instrument_covariance(data, readings, bases)
         rotations = np.array([base[:3, :3].T for base in bases])[data.part]
-        common = common_factors(data.sessions, readings.shape, rotations)
+        common = CommonFactors(data.sessions, readings.shape[1], rotations)
         return cls(
             model, data, instruments, evaluation.rows, readings, noise, data.part, data.visit, start, evaluation, common
         ), bases
@@ -267,7 +267,7 @@ class Problem:
             residuals = self._less(chunk.rows, point.values[chunk.at])[:, :, None]
             by_nuisance = without(by_nuisance, self.unseen_turns)
             further = [] if causes is None else [causes.of(chunk.rows)]
-            shared = self.common[chunk.rows]
+            shared = self.common.of(chunk.rows)
             yield chunk, np.concatenate([shared, by_nuisance, by_number * self.unit.std, *further, residuals], axis=2)
 
     def white_columns(
@@ -280,7 +280,7 @@ class Problem:
     def reduce(self, z: Array, nuisances: Array, causes: Causes | None = None) -> Reduction:
         """Return the reduction of the whitened columns."""
         chunks = (columns for _, columns in self.white_columns(z, nuisances, causes))
-        return Reduction.of(chunks, self.common.shape[2], nuisances.size)
+        return Reduction.of(chunks, self.common.size, nuisances.size)
 
     def by_z(self, reduction: Reduction) -> Array:
         """Return the reduced columns by z."""
@@ -308,7 +308,7 @@ class Problem:
 
     def combined(self, z: Array, nuisances: Array, coefficients: Array, causes: Causes | None = None) -> Array:
         """Return the sum of the columns times coefficients of the nuisances, the numbers and the causes, ``(P, m)``."""
-        result, first = np.zeros(self.readings.shape), self.common.shape[2]
+        result, first = np.zeros(self.readings.shape), self.common.size
         for chunk, columns in self.columns(z, nuisances, causes):
             result[chunk.rows] = columns[:, :, first : first + coefficients.size] @ coefficients
         return result
@@ -328,9 +328,9 @@ class Problem:
     def precision_times(self, values: Array) -> Array:
         """Return R⁻¹ times readings ``(P, m)``, in the order of whitened numbers, ``(M,)``."""
         white = [chunk.noise.whiten(values[chunk.rows]) for chunk in self.chunks]
-        if self.common.shape[2]:
-            shared = [chunk.noise.whiten(self.common[chunk.rows]) for chunk in self.chunks]
-            root = Reduction.of(shared, self.common.shape[2], 0).shared
+        if self.common.size:
+            shared = [chunk.noise.whiten(self.common.of(chunk.rows)) for chunk in self.chunks]
+            root = Reduction.of(shared, self.common.size, 0).shared
             pulled = sum(w.T @ part for w, part in zip(shared, white, strict=True))
             inner = scipy.linalg.cho_solve((root, False), pulled)
             white = [part - w @ inner for w, part in zip(shared, white, strict=True)]
@@ -392,7 +392,7 @@ class Problem:
 
     def _robust_columns(self, z: Array, nuisances: Array) -> Iterator[tuple[NDArray[np.intp], Array]]:
         """Yield the columns of :func:`reweighed_sizes`, with what readings share among the numbers of unit prior."""
-        first, last = self.common.shape[2], self.common.shape[2] + self.start.size
+        first, last = self.common.size, self.common.size + self.start.size
         for rows, columns in self.white_columns(z, nuisances):
             shared, by_nuisance, by_number, white = np.split(columns, [first, last, -1], axis=1)
             yield rows, np.hstack([by_nuisance, shared, by_number @ self._number_by_z, white])
@@ -412,7 +412,7 @@ class Problem:
 
     def reading_deviations(self, fit: Fit) -> Array:
         """Return the standard deviation of a new reading at each pose about its prediction by a fit, ``(P, m)``."""
-        result, shared, set_up = np.zeros(self.readings.shape), self.common.shape[2], self.start.size
+        result, shared, set_up = np.zeros(self.readings.shape), self.common.size, self.start.size
         for chunk, columns in self.columns(fit.z, fit.nuisances):
             by_nuisance, by_number = np.split(columns[:, :, shared:-1], [set_up], axis=2)
             slopes = np.concatenate([by_number @ self._number_by_z, by_nuisance], axis=2)

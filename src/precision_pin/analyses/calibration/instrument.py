@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from precision_pin.analyses.calibration.data import CalibrationData
-from precision_pin.analyses.calibration.drift import common_factors
+from precision_pin.analyses.calibration.drift import CommonFactors
 from precision_pin.base.arrays import Array
 
 
@@ -38,7 +38,7 @@ def instrument_covariance(data: CalibrationData, readings: Array, bases: Sequenc
             covariance[is_given, :3, :3] = covariance[is_given, :1, :1] * (axes @ np.swapaxes(axes, 1, 2))
         result[rows, :size, :size] = covariance
     for session in data.sessions:
-        result[session.rows, :3, :3] += session.left.own[:, None, None] * np.eye(3)
+        result[session.rows, :3, :3] += session.left.steps.own[:, None, None] * np.eye(3)
     return result
 
 
@@ -50,8 +50,9 @@ def fitted_covariance(data: CalibrationData, bases: Sequence[Array | None]) -> A
         rows = data.part == k
         if data.measurements[k].place is None:
             readings[rows, :3] = (readings[rows, :3] - base[:3, 3]) @ base[:3, :3]
-    factors = common_factors(data.sessions, readings.shape, np.array([base[:3, :3].T for base in places])[data.part])
-    return instrument_covariance(data, readings, places) + factors @ factors.swapaxes(1, 2)
+    rotations = np.array([base[:3, :3].T for base in places])[data.part]
+    of_drift = CommonFactors(data.sessions, readings.shape[1], rotations).covariances
+    return instrument_covariance(data, readings, places) + of_drift
 
 
 def length_stds(covariance: Array) -> Array:

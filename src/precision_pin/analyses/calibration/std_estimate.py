@@ -164,7 +164,7 @@ def estimate_std(
     problem: Problem, z: Array, nuisances: Array, kinds: Mapping[str, NDArray[np.bool_]], *, has_prior: bool
 ) -> dict[str, tuple[float, EstimatedStd]]:
     """Return the factor on the stated deviation, and the estimate, of each kind; ``kinds`` name masks ``(P, m)`` of numbers."""
-    masks, shared = list(kinds.values()), problem.common.shape[2]
+    masks, shared = list(kinds.values()), problem.common.size
     change, random = _columns(problem, z, nuisances, has_prior=has_prior)
     repeats = [
         block
@@ -198,7 +198,7 @@ def _columns(problem: Problem, z: Array, nuisances: Array, *, has_prior: bool) -
 
     First are those of what readings share.
     """
-    reduction, shared = problem.reduce(z, nuisances), problem.common.shape[2]
+    reduction, shared = problem.reduce(z, nuisances), problem.common.size
     set_up, by_z = reduction.nuisances, problem.by_z(reduction)
     basis = by_z.T[:, :0]
     if not has_prior:
