@@ -1,6 +1,7 @@
 """Readings of many poses at once, against one pose at a time."""
 
 import gc
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, dense, paper_model, plain_model, random_poses, readings_of
+from precision_pin.analyses.calibration import evaluation
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator
 from precision_pin.analyses.calibration.evaluation import predict_many
@@ -173,6 +175,34 @@ def test_models_of_poses_do_not_stay_in_memory():
     Descent(problem, has_prior=True).fit()
     assert alive() <= before
     assert sum(1 for _ in problem.each_station()) == len(problem.stations) == 40
+
+
+@pytest.mark.slow
+def test_derivatives_of_many_readings_do_not_fill_the_memory(monkeypatch):
+    """A fit takes less for another reading than the derivatives of two, 45 columns of three numbers each."""
+    monkeypatch.setattr(evaluation, "_KEPT", 0)
+    model, peaks = pp.every_frame(plain_model().chain), []
+    for count in (1500, 3000):
+        q = random_poses(4, count)
+        problem = Problem.of(model, read_data(model, (q, readings_of(model, q, FREE)), (FREE,)))[0]
+        assert len(problem.chunks) > 5
+        tracemalloc.start()
+        fit = Descent(problem, has_prior=True).fit()
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert fit.reduction.rows.shape == (46, 46)
+    assert (peaks[1] - peaks[0]) / 1500 < 2 * 45 * 3 * 8
+
+
+def test_what_is_kept_of_a_point_changes_no_bit(monkeypatch, chunked):
+    def estimate(kept):
+        monkeypatch.setattr(evaluation, "_KEPT", kept)
+        return Descent(repeated_problem(), has_prior=True).fit()
+
+    whole, partly, nothing = map(estimate, (10**9, 3000, 0))
+    for fit in (partly, nothing):
+        assert (fit.z == whole.z).all()
+        assert (fit.left_out.values == whole.left_out.values).all()
 
 
 def test_attitudes_alike_are_named_where_the_target_is_unknown():

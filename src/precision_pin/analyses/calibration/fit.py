@@ -329,12 +329,14 @@ class Problem:
         """Return R⁻¹ times readings ``(P, m)``, in the order of whitened numbers, ``(M,)``."""
         white = [chunk.noise.whiten(values[chunk.rows]) for chunk in self.chunks]
         if self.common.size:
-            shared = [chunk.noise.whiten(self.common.of(chunk.rows)) for chunk in self.chunks]
-            root = Reduction.of(shared, self.common.size, 0).shared
-            pulled = sum(w.T @ part for w, part in zip(shared, white, strict=True))
-            inner = scipy.linalg.cho_solve((root, False), pulled)
-            white = [part - w @ inner for w, part in zip(shared, white, strict=True)]
+            pulled = sum(w.T @ part for w, part in zip(self._shared(), white, strict=True))
+            inner = scipy.linalg.cho_solve((Reduction.of(self._shared(), self.common.size, 0).shared, False), pulled)
+            white = [part - w @ inner for w, part in zip(self._shared(), white, strict=True)]
         return np.concatenate([chunk.noise.pull(part) for chunk, part in zip(self.chunks, white, strict=True)])
+
+    def _shared(self) -> Iterator[Array]:
+        """Yield the whitened factors of what the readings of each chunk share."""
+        return (chunk.noise.whiten(self.common.of(chunk.rows)) for chunk in self.chunks)
 
     @property
     def alike_attitudes(self) -> str:
