@@ -15,7 +15,13 @@ from precision_pin.analyses.calibration.calibrate import LeftOutShare, gain_inte
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator, UnitNumbers, stack_at_means
 from precision_pin.analyses.calibration.fit import Problem, leave_out
-from precision_pin.analyses.calibration.std_estimate import Likelihood, largest_likelihood
+from precision_pin.analyses.calibration.std_estimate import (
+    Likelihood,
+    _columns,
+    _reduced,
+    _stations,
+    largest_likelihood,
+)
 from precision_pin.analyses.readings import stations_of
 from support.refusals import check_refused
 
@@ -229,6 +235,32 @@ def test_one_way_effects_have_the_likelihood_of_balanced_analysis_of_variance():
     a, b = np.exp(2 * best.x), np.exp(2 * best.x) + visits * between**2
     expected = groups * (visits - 1) + (groups - 1) * (a / b) ** 2
     assert likelihood.information(point)[0] == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("has_prior", [True, False])
+def test_reduced_numbers_have_the_likelihood_of_all(has_prior):
+    """Two kinds of deviations, two targets of which one has a known std: up to a constant, and the same information."""
+    model, q = offsets(pp.Normal(1e-3)), random_poses(4, 20)
+    unknown, known = (
+        pp.Measurement(
+            "pose", std=std, target=target, base="free", base_name=name, attitude_std="1 mrad" if name else None
+        )
+        for std, target, name in (("estimate", OFF_AXIS, ""), ("0.1 mm", (0.1, 0, 0), "b"))
+    )
+    given = [(q, readings_of(model, q, replace(part, std=1e-4), seed=k)) for k, part in enumerate((unknown, known))]
+    problem = Problem.of(model, read_data(model, given, (unknown, known)))[0]
+    at, kinds = (np.zeros(4), problem.start), list(problem.unknown_deviations.values())
+    change, random = _columns(problem, *at, has_prior=has_prior)
+    whole = Likelihood(list(_stations(problem, *at, change, kinds)), random)
+    blocks, empty = _reduced(problem, *at, change, kinds)
+    reduced = Likelihood(blocks, random, empty)
+    assert len(blocks) == 3
+    assert whole.kinds == 2
+    logs = np.array([[-0.7, 0.2], [0.0, 0.0], [0.9, -1.3]])
+    difference = [whole(log) - reduced(log) for log in logs]
+    np.testing.assert_allclose(difference, difference[0], atol=1e-7)
+    for log in logs:
+        np.testing.assert_allclose(reduced.information(log), whole.information(log), rtol=1e-7)
 
 
 @pytest.mark.slow

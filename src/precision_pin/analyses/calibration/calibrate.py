@@ -343,7 +343,7 @@ def calibrate(
     identifiability = design.of_stack(unit.names, *derivatives, clean.instruments.nuisances, weighed)
     design.check_identifiable(identifiability)
     evidence = Evidence.of(clean, fit, readings, None if chance is None else std_free)
-    causes, gains, without_weight = find_causes(evidence, groups), find_gains(evidence, readings, groups), ""
+    causes, gains, without_weight = find_causes(evidence, groups), find_gains(evidence, readings, groups, left_out), ""
     if causes and distances:
         rows = explained(evidence, problem, readings, sorted(distances))
         without_weight = f"; it explains {len(rows)} of {len(distances)} readings without weight" * bool(rows)

@@ -66,16 +66,15 @@ class CauseGain(Record):
         return labelled(self.kind, self.joint, is_shared=self.is_shared)
 
 
-def find_gains(evidence: Evidence, data: CalibrationData, groups: NDArray[np.intp]) -> list[CauseGain]:
+def find_gains(evidence: Evidence, data: CalibrationData, groups: NDArray[np.intp], before: LeftOut) -> list[CauseGain]:
     """Return the gain by the likeliest cause of each kind and by joint values as read, largest first.
 
-    ``groups`` tell which readings are left out together, ``(P,)``.
+    ``groups`` tell which readings are left out together, ``(P,)``; ``before`` are these as fitted.
     """
     problem, fit, reduction = evidence.problem, evidence.fit, evidence.reduction
     point, local, gains = (fit.z, fit.nuisances), fit.local(reduction, problem.by_z(reduction)), []
     root, over = local.leverage_root(), fit.over(problem, local)
     through_fit = problem.through(point, reduction, over)
-    before = leave_out(problem, [through_fit], fit.residuals, groups)
 
     def add(owner: tuple[str, str, bool], through: Through, residuals: Array) -> None:
         after = leave_out(problem, [through], residuals, groups)
