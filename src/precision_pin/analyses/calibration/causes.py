@@ -163,14 +163,10 @@ class CauseColumns:
     def at(cls, problem: Problem, data: CalibrationData, nuisances: Array) -> CauseColumns:
         """Return the causes of errors in readings."""
         chain, q = problem.model.chain, data.q
-        joints = zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
+        of_settling = "s" if data.speed.size else "step"
         labels = [
-            (
-                kind,
-                name,
-                ("s" if data.speed.size else "step") if kind == SETTLING else _UNITS[slides][kind == COMPLIANCE],
-            )
-            for name, slides in joints
+            (kind, name, of_settling if kind == SETTLING else _UNITS[slides][kind == COMPLIANCE])
+            for name, slides in zip(chain.joint_names, chain.prismatic.tolist(), strict=True)
             for kind in OF_JOINTS
         ]
         labels += [*OF_SET_UP, *(BY_TEMPERATURE if data.temperature.size else ())]
@@ -184,7 +180,7 @@ class CauseColumns:
         clocks += [data.temperature - data.temperature.mean()] if data.temperature.size else []
         unsettled = data.speed if data.speed.size else steps[:, visit]
         of_joints = _statics(problem), angles, motion_signs, unsettled
-        return cls(labels, problem.by_error(nuisances), *of_joints, np.array(clocks), np.arange(len(labels)))
+        return cls(labels, problem.evaluation.by_error(nuisances), *of_joints, np.array(clocks), np.arange(len(labels)))
 
     def only(self, chosen: NDArray[np.intp]) -> CauseColumns:
         """Return some of the causes."""

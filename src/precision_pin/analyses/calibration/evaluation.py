@@ -138,16 +138,14 @@ class Evaluation:
         self.chunks = np.split(order, np.searchsorted(self.station[order], self._firsts))[1:-1]
         self._last: tuple[bytes, dict[int, Point]] = (b"", {})
 
-    def predictions_at_means(self, nuisances: Array) -> tuple[Array, Array, Array]:
-        """Return predictions ``(P, m)`` and derivatives by the tip's error and the nuisances, with the means of the sheet."""
-        shape = len(self._part), self._width
-        values, by_error, by_nuisance = np.zeros(shape), np.zeros((*shape, 6)), np.zeros((*shape, nuisances.size))
+    def by_error(self, nuisances: Array) -> Array:
+        """Return the derivatives of the readings by the tip's error, with the means of the sheet, ``(P, m, 6)``."""
+        result = np.zeros((len(self._part), self._width, 6))
         for number, chunk in enumerate(self.chunks):
-            for at, columns, of_rows in self._predict(number, self.at_means[0][self._stations(number)], nuisances):
-                rows, size = chunk[at], of_rows.values.shape[1]
-                values[rows, :size], by_error[rows, :size] = of_rows.values, of_rows.by_error
-                by_nuisance[rows[:, None], :size, columns] = of_rows.by_nuisance.swapaxes(1, 2)
-        return values, by_error, by_nuisance
+            errors = self.at_means[0][self._firsts[number] : self._firsts[number + 1]]
+            for at, _, of_rows in self._predict(number, errors, nuisances):
+                result[chunk[at], : of_rows.values.shape[1]] = of_rows.by_error
+        return result
 
     def at(self, number: int, x: Array, components: NDArray[np.intp], nuisances: Array) -> Point:
         """Return one chunk's predictions and derivatives by some components, at values ``(d,)`` and nuisances ``(k,)``."""
@@ -170,9 +168,6 @@ class Evaluation:
                 return point
             known[number] = point
         return known[number]
-
-    def _stations(self, number: int) -> slice:
-        return slice(self._firsts[number], self._firsts[number + 1])
 
     def _predict(
         self, number: int, errors: Array, nuisances: Array

@@ -2,7 +2,7 @@
 
 It minimises ``|R^(-1/2) (y - h(q; x, n))|² + |z|²`` over z, with ``x = μ + L z``, and the nuisances n; without a prior only
 the first part, over the combinations of z that the readings determine. Derivatives are those of the displaced chain at the
-current estimate. The noise R is that at the means.
+current estimate. The noise R is that at the means. Derivatives of a chunk of readings are in memory at a time, and reduced.
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ class Problem:
     @cached_property
     def chunks(self) -> tuple[Chunk, ...]:
         """The readings in chunks of stations, with their noise: at each station as of :meth:`Station.noise`."""
-        by_error, (_, scopes) = self.by_error(self.start), self.evaluation.at_means
+        by_error, (_, scopes) = self.evaluation.by_error(self.start), self.evaluation.at_means
         firsts = np.cumsum([0, *map(len, self.evaluation.chunks)])
         at = np.empty(len(self.readings), dtype=np.intp)  # place of each reading in its chunk
         at[np.concatenate(self.evaluation.chunks)] = np.arange(firsts[-1])
@@ -209,13 +209,9 @@ class Problem:
 
     def _check_noise(self) -> None:
         """Raise where the noise of a station is singular."""
-        by_error = self.by_error(self.start)
+        by_error = self.evaluation.by_error(self.start)
         for station, places in zip(self.each_station(), self.places, strict=True):
             station.noise_root(by_error[places], self.instrument_at(places), self.visit[places[0]])
-
-    def by_error(self, nuisances: Array) -> Array:
-        """Return the derivatives of the readings by the tip's error, with the means of the sheet, ``(P, m, 6)``."""
-        return self.evaluation.predictions_at_means(nuisances)[1]
 
     @cached_property
     def unseen_turns(self) -> Array:
@@ -787,7 +783,7 @@ def _suspect_joint(problem: Problem, fit: Fit) -> tuple[str, float]:
         fit.throughs(problem),
     )
     values, expected = np.zeros((2, count))
-    by_error, by_joint = problem.by_error(fit.nuisances), np.zeros((*problem.readings.shape, count))
+    by_error, by_joint = problem.evaluation.by_error(fit.nuisances), np.zeros((*problem.readings.shape, count))
     for station, places in zip(problem.each_station(), problem.places, strict=True):
         by_joint[places] = by_error[places] @ station.at.posture.joint_jacobian
     visits = _visit_numbers(problem)

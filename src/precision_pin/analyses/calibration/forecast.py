@@ -218,8 +218,10 @@ class SampledRobots(NamedTuple):
         joint = estimator.joint_covariance
         through = joint[:, : len(z)]
         values, vectors = np.linalg.eigh(joint - through @ through.T)
+        # symmetric, since rounding turns vectors of nearly equal values
+        root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         noise = np.random.default_rng(_SEED).standard_normal((len(joint), ROBOTS))
-        return cls(deviations, z, through @ z + (vectors * np.sqrt(np.maximum(values, 0.0))) @ noise)
+        return cls(deviations, z, through @ z + root @ noise)
 
     def sizes(
         self, error: Array, jacobian: Array, unit: UnitNumbers, slopes: Array, later: tuple[Array, Array, Array]

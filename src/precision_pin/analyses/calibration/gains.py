@@ -103,7 +103,7 @@ def _shift_of_read(evidence: Evidence, data: CalibrationData) -> Array:
     given, read = (chain.at_columns(q).pose for q in (data.q, data.q_read))
     turn = np.einsum("ijp,kjp->pik", read[:3, :3], given[:3, :3])
     error = np.hstack([(read - given)[:3, 3].T, se3.log_rotation(np.moveaxis(turn, 0, -1)).T])
-    return np.asarray(np.einsum("pmi,pi->pm", problem.by_error(evidence.fit.nuisances), error))
+    return np.asarray(np.einsum("pmi,pi->pm", problem.evaluation.by_error(evidence.fit.nuisances), error))
 
 
 def _compared(
