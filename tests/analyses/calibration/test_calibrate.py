@@ -9,6 +9,7 @@ from operator import attrgetter
 import numpy as np
 import pinocchio as pin
 import pytest
+from matplotlib.quiver import Quiver
 from scipy import optimize, stats
 from scipy.spatial.transform import Rotation
 
@@ -527,3 +528,11 @@ def test_a_map_shows_what_was_found_and_what_is_left():
         names = [axes.get_title() for axes in drawn.axes[:2]]
         assert names == ["found in the nominal arm, and corrected", "left by the calibration"]
     assert len(drawn.axes[1].lines[0].get_xdata()) == len(found.data)
+    # of many readings points, and arrows of the largest errors
+    sizes = np.random.default_rng(9).permutation(130) * 1e-6
+    many = replace(RemainingError.of(found, replace(places, node=np.arange(4))), read=np.zeros((3, 130)))
+    drawn = remaining_figure(found, replace(many, left_out=np.outer([1, 0, 0], sizes)))
+    (arrows,) = (one for one in drawn.axes[1].collections if isinstance(one, Quiver))
+    assert drawn.axes[1].lines[0].get_marker() == "."
+    np.testing.assert_allclose(np.sort(arrows.U), 1e-6 * np.arange(30, 130))
+    assert "the 100 largest of readings less" in " ".join(drawn.legends[0].get_title().get_text().split())
