@@ -174,6 +174,22 @@ _LEVER: Final = 0.1
 """Distance (m) between the targets that measure an orientation, by default; angles are the more accurate the longer it is."""
 
 
+def _first(stack: Array) -> Array:
+    return np.moveaxis(stack, -1, 0)
+
+
+def _skew(vectors: Array) -> Array:
+    return _first(se3.skew(vectors.T))
+
+
+class Linearised(NamedTuple):
+    """Readings ``(N, m)``, and their derivatives by the tip's error ``(N, m, 6)`` and the nuisances ``(N, m, k)``."""
+
+    values: Array
+    by_error: Array
+    by_nuisance: Array
+
+
 class Slopes(NamedTuple):
     """Derivatives of a reading by the tip's error, ``(m, 6)``, and by the nuisances, ``(m, k)``."""
 
@@ -553,34 +569,53 @@ class Measurement:
         return shift, base_rotation, offset, target_rotation
 
     def slopes(self, pose: Array, error: Array, nuisances: Array) -> Slopes:
-        """Return the derivatives of a reading at one error ``(6,)`` and nuisance parameters ``(k,)``.
+        """Return the derivatives of a reading at one error ``(6,)``, as :meth:`linearised`."""
+        _, by_error, by_nuisance = self.linearised(pose[None], error[None], nuisances)
+        return Slopes(by_error[0], by_nuisance[0])
+
+    def linearised(self, poses: Array, errors: Array, nuisances: Array) -> Linearised:
+        """Return readings at nominal tips ``(N, 4, 4)``, errors ``(N, 6)`` and nuisance parameters ``(k,)``, and derivatives.
 
         For an orientation, the derivatives of the rotation vector, in the axes of the reading, of a small further
         rotation.
         """
-        place_parameters, base_rotation, offset, target_rotation = self.split(nuisances[:, None])
-        attitude = se3.exp_rotation(error[3:]) @ pose[:3, :3]
-        arm = attitude @ offset[:, 0]
-        inner = pose[:3, 3] + error[:3] + arm
+        count = len(poses)
+        shift, base_rotation, offset, target_rotation = self.split(nuisances[:, None])
+        turns = np.ascontiguousarray(errors[:, 3:].T)
+        nominal, tilt = poses[:, :3, :3], _first(se3.left_jacobian(turns))
         rotation = np.eye(3) if base_rotation is None else se3.exp_rotation(base_rotation[:, 0])
-        tilt, none = se3.left_jacobian(error[3:]), np.zeros((3, 3))
-        by_error = np.block([[rotation, -rotation @ se3.skew(arm) @ tilt], [none, rotation @ tilt]])
-        parts = []
+        attitude = _first(se3.exp_rotation(turns)) @ nominal
+        arm = attitude @ offset[:, 0]
+        inner, attitude = poses[:, :3, 3] + errors[:, :3] + arm, rotation @ attitude
+        by_error, parts = np.zeros((count, 6, 6)), [np.zeros((count, 6, 0))]
+        by_error[:, :3, :3], by_error[:, 3:, 3:] = rotation, rotation @ tilt
+        by_error[:, :3, 3:] = -rotation @ _skew(arm) @ tilt
         if base_rotation is not None:
-            by_rotation = se3.left_jacobian(base_rotation[:, 0])
-            parts.append(np.block([[np.eye(3), -se3.skew(rotation @ inner) @ by_rotation], [none, by_rotation]]))
+            by_rotation, by_base = se3.left_jacobian(base_rotation[:, 0]), np.zeros((count, 6, 6))
+            by_base[:, :3, :3], by_base[:, 3:, 3:] = np.eye(3), by_rotation
+            by_base[:, :3, 3:] = -_skew(inner @ rotation.T) @ by_rotation
+            parts.append(by_base)
         if not self.target_known:
-            by_target = np.zeros((6, 6 if self.kind == "pose" else 3))
-            by_target[:3, :3] = rotation @ attitude
+            by_target = np.zeros((count, 6, 3 if target_rotation is None else 6))
+            by_target[:, :3, :3] = attitude
             if target_rotation is not None:
-                by_target[3:, 3:] = rotation @ attitude @ se3.left_jacobian(target_rotation[:, 0])
+                by_target[:, 3:, 3:] = attitude @ se3.left_jacobian(target_rotation[:, 0])
             parts.append(by_target)
-        by_nuisances = np.concatenate([np.zeros((6, 0)), *parts], axis=1)
-        if self.place is None:
-            return Slopes(by_error[: self.size], by_nuisances[: self.size])
-        by_point, by_place = self.place.slopes(inner, place_parameters[:, 0], self._nominal(pose))
-        of_place = [by_place] if self.base == "free" else []
-        return Slopes(by_point @ by_error[:3], np.concatenate([*of_place, by_point @ by_nuisances[:3]], axis=1))
+        by_nuisance = np.concatenate(parts, axis=2)
+        if self.place is not None:
+            places = list(zip(inner, map(self._nominal, poses), strict=True))
+            readings = [self.place.read(point[:, None], shift, at)[:, 0] for point, at in places]
+            pairs = [self.place.slopes(point, shift[:, 0], at) for point, at in places]
+            by_point, by_place = (np.array(part) for part in zip(*pairs, strict=True))
+            of_place = [by_place] if self.base == "free" else []
+            by_nuisance = np.concatenate([*of_place, by_point @ by_nuisance[:, :3]], axis=2)
+            return Linearised(np.array(readings), by_point @ by_error[:, :3], by_nuisance)
+        values = np.zeros((count, self.size))
+        values[:, :3] = inner @ rotation.T + shift[:, 0]
+        if self.kind == "pose":
+            seen = attitude if target_rotation is None else attitude @ se3.exp_rotation(target_rotation[:, 0])
+            values[:, 3:] = se3.log_rotation(np.moveaxis(seen @ nominal.swapaxes(1, 2), 0, -1)).T
+        return Linearised(values, by_error[:, : self.size], by_nuisance[:, : self.size])
 
     def residual(self, reading: Array, predicted: Array) -> Array:
         """Return reading minus prediction, both ``(m, N)`` as from :meth:`predict`; for an orientation the rotation."""

@@ -12,7 +12,6 @@ from analyses.calibration.arms import OFF_AXIS, dense, paper_model, plain_model,
 from precision_pin.analyses.calibration import evaluation
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator
-from precision_pin.analyses.calibration.evaluation import predict_many
 from precision_pin.analyses.calibration.fit import Descent, Problem, _suspect_joint
 from precision_pin.analyses.calibration.noise import Reduction, solve_lower
 from precision_pin.base import se3
@@ -50,7 +49,7 @@ def test_derivatives_of_many_poses_are_those_of_each(model, count):
 @pytest.mark.parametrize("base", ["known", "free"])
 @pytest.mark.parametrize("target_known", [True, False])
 @pytest.mark.parametrize("count", [1, 4])
-def test_predictions_of_many_poses_are_those_of_each(kind, base, target_known, count):
+def test_readings_of_many_poses_are_those_of_each_and_their_slopes_are_differences(kind, base, target_known, count):
     known = target_known or kind in PLACES
     part = pp.Measurement(kind, target=OFF_AXIS, base=base, target_known=known, **PLACES.get(kind, {}))
     rng = np.random.default_rng(4)
@@ -59,15 +58,17 @@ def test_predictions_of_many_poses_are_those_of_each(kind, base, target_known, c
     poses = np.array(
         [se3.pose(se3.exp_rotation(turn), shift) for turn, shift in zip(turns, 0.4 * turns[::-1], strict=True)]
     )
-    found = predict_many(part, poses, errors, nuisances)
+    found = part.linearised(poses, errors, nuisances)
     pairs = list(zip(poses, errors, strict=True))
     check_close(found.values, np.array([part.predict(p, e[:, None], nuisances[:, None])[:, 0] for p, e in pairs]))
-    slopes = [part.slopes(pose, error, nuisances) for pose, error in pairs]
-    check_close(found.by_error, np.array([each.error for each in slopes]))
-    if nuisances.size:
-        check_close(found.by_nuisance, np.array([each.nuisances for each in slopes]))
-    else:
-        assert found.by_nuisance.shape == (count, part.size, 0)
+    for k, (pose, error) in enumerate(pairs):
+        point, step = np.concatenate([error, nuisances]), 1e-5
+        ends = [point[:, None] + sign * step * np.eye(point.size) for sign in (1, -1)]
+        after, before = (part.predict(pose, values[:6], values[6:]) for values in ends)
+        slopes = np.concatenate([found.by_error[k], found.by_nuisance[k]], axis=1)
+        np.testing.assert_allclose(slopes, part.residual(after, before) / (2 * step), atol=1e-8)
+        single = part.slopes(pose, error, nuisances)
+        check_close(np.concatenate(single, axis=1), slopes)
 
 
 def repeated_problem():

@@ -10,73 +10,11 @@ from numpy.typing import NDArray
 
 from precision_pin.analyses.calibration.design import Instruments, scope_covariances
 from precision_pin.analyses.readings import Station
-from precision_pin.base import se3
 from precision_pin.base.arrays import Array
 from precision_pin.draws.draw import Scope
 from precision_pin.draws.space import Space
 from precision_pin.model.pose_model import PoseModel, Tables, of_one_layout
-from precision_pin.sheet.measurement import Measurement
-
-
-class Predictions(NamedTuple):
-    """Predicted readings ``(N, m)``, and their derivatives by the tip's error ``(N, m, 6)`` and the nuisances ``(N, m, k)``."""
-
-    values: Array
-    by_error: Array
-    by_nuisance: Array
-
-
-def predict_many(measurement: Measurement, poses: Array, errors: Array, nuisances: Array) -> Predictions:
-    """Return what :meth:`Measurement.predict` and :meth:`Measurement.slopes` return, at poses ``(N, 4, 4)``.
-
-    The tip's errors are ``(N, 6)``, the nuisances ``(k,)``.
-    """
-    if measurement.place is not None:  # contacts are few
-        column = nuisances[:, None]
-        pairs = list(zip(poses, errors, strict=True))
-        slopes = [measurement.slopes(pose, error, nuisances) for pose, error in pairs]
-        return Predictions(
-            np.array([measurement.predict(pose, error[:, None], column)[:, 0] for pose, error in pairs]),
-            np.array([part.error for part in slopes]),
-            np.array([part.nuisances for part in slopes]),
-        )
-    count, size = len(poses), measurement.size
-    shift, base_rotation, offset, target_rotation = measurement.split(nuisances[:, None])
-    turns = np.ascontiguousarray(errors[:, 3:].T)
-    nominal, tilt = poses[:, :3, :3], _first(se3.left_jacobian(turns))
-    rotation = np.eye(3) if base_rotation is None else se3.exp_rotation(base_rotation[:, 0])
-    attitude = _first(se3.exp_rotation(turns)) @ nominal
-    arm = attitude @ offset[:, 0]
-    inner = poses[:, :3, 3] + errors[:, :3] + arm
-    attitude = rotation @ attitude
-    values, by_error = np.zeros((count, size)), np.zeros((count, 6, 6))
-    values[:, :3] = inner @ rotation.T + shift[:, 0]
-    by_error[:, :3, :3], by_error[:, 3:, 3:] = rotation, rotation @ tilt
-    by_error[:, :3, 3:] = -rotation @ _skew(arm) @ tilt
-    parts = [np.zeros((count, 6, 0))]
-    if base_rotation is not None:
-        by_rotation, by_base = se3.left_jacobian(base_rotation[:, 0]), np.zeros((count, 6, 6))
-        by_base[:, :3, :3], by_base[:, 3:, 3:] = np.eye(3), by_rotation
-        by_base[:, :3, 3:] = -_skew(inner @ rotation.T) @ by_rotation
-        parts.append(by_base)
-    if not measurement.target_known:
-        by_target = np.zeros((count, 6, 3 if target_rotation is None else 6))
-        by_target[:, :3, :3] = attitude
-        if target_rotation is not None:
-            by_target[:, 3:, 3:] = attitude @ se3.left_jacobian(target_rotation[:, 0])
-        parts.append(by_target)
-    if size > 3:
-        seen = attitude if target_rotation is None else attitude @ se3.exp_rotation(target_rotation[:, 0])
-        values[:, 3:] = se3.log_rotation(np.moveaxis(seen @ nominal.swapaxes(1, 2), 0, -1)).T
-    return Predictions(values, by_error[:, :size], np.concatenate(parts, axis=2)[:, :size])
-
-
-def _first(stack: Array) -> Array:
-    return np.moveaxis(stack, -1, 0)
-
-
-def _skew(vectors: Array) -> Array:
-    return _first(se3.skew(vectors.T))
+from precision_pin.sheet.measurement import Linearised
 
 
 class Point(NamedTuple):
@@ -124,7 +62,7 @@ class Evaluation:
             tangent = self._tables[-1].tangent(space.mean)
             errors.append(tangent.error.T)
             for scope, parts in covariances.items():
-                parts.append(scope_covariances(space, scope, _first(tangent.jacobian)))
+                parts.append(scope_covariances(space, scope, np.moveaxis(tangent.jacobian, -1, 0)))
         self.rows, self.poses = tuple(rows), np.array(poses).reshape(-1, 4, 4)
         is_drawn = {scope: space.has_scope(scope).any() for scope in covariances}
         nothing = np.broadcast_to(np.zeros((6, 6)), (len(rows), 6, 6))
@@ -155,7 +93,7 @@ class Evaluation:
         known = self._last[1]
         if number not in known:
             tangent = self._tables[number].tangent(x)
-            by_component = _first(tangent.jacobian[:, components])
+            by_component = np.moveaxis(tangent.jacobian[:, components], -1, 0)
             chunk, count, first = self.chunks[number], components.size, self._firsts[number]
             shape = len(chunk), self._width
             point = Point(np.zeros(shape), np.zeros((*shape, count + nuisances.size)))
@@ -171,10 +109,10 @@ class Evaluation:
 
     def _predict(
         self, number: int, errors: Array, nuisances: Array
-    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Predictions]]:
+    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Linearised]]:
         """Yield for each measurement the places of its readings in a chunk, its nuisances and predictions."""
         chunk, first = self.chunks[number], self._firsts[number]
         for of_part in np.unique(self._part[chunk]).tolist():
             at, columns = np.flatnonzero(self._part[chunk] == of_part), self._instruments.columns[of_part]
             stations, part = self.station[chunk[at]], self._instruments.parts[of_part]
-            yield at, columns, predict_many(part, self.poses[stations], errors[stations - first], nuisances[columns])
+            yield at, columns, part.linearised(self.poses[stations], errors[stations - first], nuisances[columns])
