@@ -10,6 +10,7 @@ import pytest
 import precision_pin as pp
 from analyses.calibration.arms import OFF_AXIS, dense, paper_model, plain_model, random_poses, readings_of
 from precision_pin.analyses.calibration import evaluation
+from precision_pin.analyses.calibration import fit as fitting
 from precision_pin.analyses.calibration.data import read_data
 from precision_pin.analyses.calibration.design import Estimator
 from precision_pin.analyses.calibration.fit import Descent, Problem, _suspect_joint
@@ -204,6 +205,24 @@ def test_what_is_kept_of_a_point_changes_no_bit(monkeypatch, chunked):
     for fit in (partly, nothing):
         assert (fit.z == whole.z).all()
         assert (fit.left_out.values == whole.left_out.values).all()
+
+
+@pytest.mark.parametrize("of_groups", [range(18), [0, 1, 2] * 6, [0] * 18, [*range(15), 0, 1, 1]])
+def test_a_group_of_many_numbers_is_left_out_as_one_of_few(monkeypatch, of_groups):
+    """Readings, groups across poses and within, and all in one, which alone determines the set-up and most of the arm."""
+    problem = repeated_problem()
+    fit, groups = Descent(problem, has_prior=True).fit(), np.array(of_groups)
+    throughs, outcomes = fit.throughs(problem), []
+    for longest in (1000, 0):
+        monkeypatch.setattr(fitting, "_LARGE", longest)
+        outcomes.append(fitting.leave_out(problem, throughs, fit.residuals, groups))
+    few, many = outcomes
+    assert (few.is_predicted == many.is_predicted).all()
+    assert many.trials == pytest.approx(few.trials, rel=1e-6)
+    assert few.is_predicted.all() or not groups.any()
+    for name in ("values", "std", "distance"):  # beyond what is predicted, lengths and angles may share in other ways
+        expected = getattr(few, name)[few.is_predicted]
+        np.testing.assert_allclose(getattr(many, name)[few.is_predicted], expected, rtol=1e-9)
 
 
 def test_attitudes_alike_are_named_where_the_target_is_unknown():

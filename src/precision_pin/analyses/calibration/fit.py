@@ -30,7 +30,15 @@ from precision_pin.analyses.calibration.design import (
 from precision_pin.analyses.calibration.drift import CommonFactors
 from precision_pin.analyses.calibration.evaluation import Evaluation
 from precision_pin.analyses.calibration.instrument import instrument_covariance
-from precision_pin.analyses.calibration.noise import Noise, Places, Precision, Reduction, blocks_of
+from precision_pin.analyses.calibration.noise import (
+    LargeGroup,
+    Noise,
+    Places,
+    Precision,
+    Reduction,
+    SmallGroups,
+    blocks_of,
+)
 from precision_pin.analyses.calibration.start import REWEIGHED, first_guess, readings_in_base, reweighed_sizes
 from precision_pin.analyses.readings import Station
 from precision_pin.base import se3
@@ -62,8 +70,8 @@ _ALIKE: Final = 0.2
 """Angle, rad, within which the tool's attitudes are alike."""
 _CELLS: Final = 4096
 """Components of groups that are left out at once, so that memory does not grow with the readings."""
-_ALONE: Final = 1e-9
-"""Fraction of a group's readings left free by the others, below which the group alone determines a combination."""
+_LARGE: Final = 300
+"""Components of a group beyond which T has far fewer columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -667,36 +675,36 @@ def leave_out(problem: Problem, throughs: Sequence[Through], residuals: Array, g
     known: a number that stops at a bound follows no reading, but is not known.
     """
     pull, chunks, result = problem.precision_times(residuals), problem.chunks, LeftOut.empty(problem)
-    firsts, (noise, place, station) = np.array([chunk.white.start for chunk in chunks]), problem.precision
+    firsts, precision = np.array([chunk.white.start for chunk in chunks]), problem.precision
     rows, columns = problem.numbers
     shared, squares, count = np.zeros((throughs[0].over.shape[1],) * 2), 0.0, 0
     for cells in _cells_of_groups(groups[rows], rows):
-        is_same = station[cells][:, :, None] == station[cells][:, None]
-        block = np.where(is_same, noise[cells[:, :, None], place[cells][:, None]], 0.0)
+        kind = LargeGroup if cells.shape[1] > _LARGE else SmallGroups
         owners, owner = np.unique(np.searchsorted(firsts, cells, side="right") - 1, return_inverse=True)
         of_cells = [chunks[k] for k in owners.tolist()]
         starts = np.cumsum([0, *(chunk.white.stop - chunk.white.start for chunk in of_cells)])[:-1] - firsts[owners]
         at = cells + starts[owner.reshape(cells.shape)]
         parts = [through.of(of_cells)[at] for through in throughs]
-        covariances, checks = zip(*(_group_covariances(block, part) for part in parts), strict=True)
-        is_predicted = np.all(checks, axis=0)
-        residual = (covariances[-1] @ pull[cells][:, :, None])[:, :, 0]
-        scale = 1 / np.sqrt(np.diagonal(block, axis1=1, axis2=2))
+        covariances = [kind.of(precision, cells, part) for part in parts]
+        is_predicted = np.all([covariance.is_determined for covariance in covariances], axis=0)
+        residual = covariances[-1].times(pull[cells][:, :, None])[:, :, 0]
+        scale = 1 / np.sqrt(precision.rows[cells, precision.place[cells]])
         result.values[rows[cells], columns[cells]] = residual
-        result.std[rows[cells], columns[cells]] = np.sqrt(np.diagonal(covariances[0], axis1=1, axis2=2))
+        result.std[rows[cells], columns[cells]] = np.sqrt(covariances[0].variances)
         readings = np.split(np.arange(cells.shape[1]), np.flatnonzero(np.diff(rows[cells[0]])) + 1)
         for of_row in readings:
             unit = scale[:, of_row]
             white = residual[:, of_row] / unit
-            covariance = covariances[0][:, of_row[:, None], of_row] / (unit[:, :, None] * unit[:, None])
-            precision = np.linalg.pinv(covariance, rcond=1e-9, hermitian=True)
+            covariance = covariances[0].block(of_row) / (unit[:, :, None] * unit[:, None])
+            inverse = np.linalg.pinv(covariance, rcond=1e-9, hermitian=True)
             row_numbers = rows[cells[:, of_row[0]]]
-            result.distance[row_numbers] = np.maximum(np.einsum("gi,gij,gj->g", white, precision, white), 0.0)
+            result.distance[row_numbers] = np.maximum(np.einsum("gi,gij,gj->g", white, inverse, white), 0.0)
             result.is_predicted[row_numbers] = is_predicted
         # of u and v, left out and white, the covariance is V_u V_vᵀ: the sum of its squares over all pairs is that of ΣVᵀV
-        through, covariance = parts[0][is_predicted], covariances[0][is_predicted]
-        size, weight, spread = cells.shape[1], len(readings), covariance @ through
-        products = through @ spread.swapaxes(1, 2)
+        through, spread = parts[0][is_predicted], covariances[0].times(parts[0])[is_predicted]
+        size, weight = cells.shape[1], len(readings)
+        back = spread.swapaxes(1, 2)
+        products = back @ through if kind is LargeGroup else through @ back
         shared += weight / np.sqrt(size) * np.tensordot(through, spread, axes=([0, 1], [0, 1]))
         squares += weight**2 * float((1 - np.einsum("gij,gji->g", products, products) / size).sum())
         count += weight * len(through)
@@ -711,21 +719,8 @@ def _cells_of_groups(groups: NDArray[np.intp], rows: NDArray[np.intp]) -> Iterat
     for cells in members:
         alike.setdefault(np.diff(rows[cells]).astype(bool).tobytes(), []).append(cells)
     for same in alike.values():
-        at_once = max(_CELLS // len(same[0]), 1)
+        at_once = 1 if len(same[0]) > _LARGE else max(_CELLS // len(same[0]), 1)
         yield from (np.array(same[k : k + at_once]) for k in range(0, len(same), at_once))
-
-
-def _group_covariances(blocks: Array, through: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the covariances ``(G, g, g)`` of left-out groups, and whether the others determine all of each."""
-    # scaled to each component's precision, since lengths and angles are mixed
-    scale = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
-    scaled = (blocks - through @ through.swapaxes(1, 2)) / (scale[:, :, None] * scale[:, None])
-    values, vectors = np.linalg.eigh(scaled)
-    # what a group alone determines has no residual
-    is_determined = values > _ALONE
-    vectors = vectors * is_determined[:, None] / scale[:, :, None]
-    covariances = (vectors / np.where(is_determined, values, 1.0)[:, None]) @ vectors.swapaxes(1, 2)
-    return covariances, np.asarray(is_determined.all(axis=1))
 
 
 DOUBTFUL: Final = 1e-3

@@ -15,6 +15,8 @@ LEVEL: Final = 0.95
 """Probability of the intervals, and of the ellipsoids that left-out readings should be within."""
 _AT_ONCE: Final = 512
 """Numbers that are reduced at once, at least."""
+_ALONE: Final = 1e-9
+"""Fraction of a group's readings left free by the others, below which the group alone determines a combination."""
 Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns in readings ``(P, m)``."""
 
@@ -164,6 +166,100 @@ class Reduction(NamedTuple):
         inverse, size = np.linalg.inv(self.shared), len(coefficients)
         top = np.hstack([inverse, -inverse @ self.coupling[:, :size] @ coefficients])
         return np.vstack([top, np.hstack([np.zeros((size, len(inverse))), coefficients])])
+
+
+class SmallGroups(NamedTuple):
+    """Covariances ``(G, g, g)`` of left-out groups, and whether the others determine all of each, ``(G,)``."""
+
+    covariances: Array
+    is_determined: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, precision: Precision, cells: NDArray[np.intp], through: Array) -> SmallGroups:
+        """Return the inverse of D⁻¹ - T Tᵀ of numbers ``(G, g)``, for their rows of T."""
+        rows, place, station = precision.rows, precision.place[cells], precision.station[cells]
+        blocks = np.where(station[:, :, None] == station[:, None], rows[cells[:, :, None], place[:, None]], 0.0)
+        # scaled to each component's precision, since lengths and angles are mixed
+        scale = np.sqrt(np.diagonal(blocks, axis1=1, axis2=2))
+        scaled = (blocks - through @ through.swapaxes(1, 2)) / (scale[:, :, None] * scale[:, None])
+        values, vectors = np.linalg.eigh(scaled)
+        # what a group alone determines has no residual
+        is_determined = values > _ALONE
+        vectors = vectors * is_determined[:, None] / scale[:, :, None]
+        covariances = (vectors / np.where(is_determined, values, 1.0)[:, None]) @ vectors.swapaxes(1, 2)
+        return cls(covariances, np.asarray(is_determined.all(axis=1)))
+
+    def times(self, values: Array) -> Array:
+        """Return the covariances times values ``(G, g, n)``."""
+        return self.covariances @ values
+
+    @property
+    def variances(self) -> Array:
+        """Variance of each number, ``(G, g)``."""
+        return np.diagonal(self.covariances, axis1=1, axis2=2)
+
+    def block(self, numbers: NDArray[np.intp]) -> Array:
+        """Return the covariances of some numbers of one reading, ``(G, m, m)``."""
+        return self.covariances[:, numbers[:, None], numbers]
+
+
+class LargeGroup(NamedTuple):
+    """The same of one group of many numbers, by the columns of T: ``B + X diag(a) Xᵀ``.
+
+    B is the inverse of the group's part of D⁻¹, blocks ``(S, b, b)`` at stations, of numbers at ``places`` ``(S, b)``;
+    ``used`` are those that are no padding. X is ``(g, c)``, a ``(c,)``.
+    """
+
+    blocks: Array
+    places: NDArray[np.intp]
+    used: NDArray[np.bool_]
+    factors: Array
+    weights: Array
+    is_determined: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, precision: Precision, cells: NDArray[np.intp], through: Array) -> LargeGroup:
+        """Return the inverse of D⁻¹ - T Tᵀ of numbers ``(1, g)``: with ``Bᵀᐟ² T = U s Vᵀ`` it has ``1 - s²`` along U, else 1."""
+        starts = np.flatnonzero(np.diff(precision.station[cells[0]], prepend=-1))
+        sizes = np.diff(starts, append=cells.shape[1])
+        steps = np.arange(sizes.max())
+        used = steps < sizes[:, None]
+        places = np.where(used, starts[:, None] + steps, 0)
+        numbers = cells[0][places]
+        rows = precision.rows[numbers[:, :, None], precision.place[numbers][:, None]]
+        blocks = np.linalg.inv(np.where(used[:, :, None] & used[:, None], rows, np.eye(steps.size)))
+        roots, empty = np.asarray(np.linalg.cholesky(blocks), dtype=float), np.zeros((cells.shape[1], 0))
+        plain = cls(blocks, places, used, empty, np.zeros(0), np.ones(1, dtype=bool))
+        white = plain.by_blocks(roots.swapaxes(1, 2), through[0])
+        squares, vectors = np.linalg.eigh(white.T @ white)
+        is_determined = 1 - squares > _ALONE
+        weights = np.where(is_determined, 1 / np.where(is_determined, 1 - squares, 1.0), -1 / np.maximum(squares, 0.5))
+        factors = plain.by_blocks(roots, white @ vectors)
+        return plain._replace(factors=factors, weights=weights, is_determined=np.array([is_determined.all()]))
+
+    def by_blocks(self, matrices: Array, values: Array) -> Array:
+        """Return a matrix ``(b, b)`` of each station times its values, of ``(g, n)``."""
+        result = np.empty_like(values)
+        result[self.places[self.used]] = (matrices @ (values[self.places] * self.used[:, :, None]))[self.used]
+        return result
+
+    def times(self, values: Array) -> Array:
+        """Return the covariance times values ``(1, g, n)``."""
+        through = self.factors @ (self.weights[:, None] * (self.factors.T @ values[0]))
+        return (self.by_blocks(self.blocks, values[0]) + through)[None]
+
+    @property
+    def variances(self) -> Array:
+        """Variance of each number, ``(1, g)``."""
+        result = self.factors**2 @ self.weights
+        result[self.places[self.used]] += np.diagonal(self.blocks, axis1=1, axis2=2)[self.used]
+        return np.maximum(result, 0.0)[None]
+
+    def block(self, numbers: NDArray[np.intp]) -> Array:
+        """Return the covariance of some numbers of one reading, ``(1, m, m)``."""
+        station = int(np.searchsorted(self.places[:, 0], numbers[0], side="right")) - 1
+        at, factors = numbers - self.places[station, 0], self.factors[numbers]
+        return (self.blocks[station][at[:, None], at] + self.weights * factors @ factors.T)[None]
 
 
 def solve_lower(roots: Array, values: Array) -> Array:
